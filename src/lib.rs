@@ -1,0 +1,9 @@
+//! Rhinoplasty planning on head CT: plan files, 3-D feature-based volume morphing and measurements.
+//!
+//! Implements *Computer-Aided Prototype System for Nose Surgery* (T.-Y. Lee, C.-H. Lin, H.-Y. Lin, IEEE
+//! Transactions on Information Technology in Biomedicine 5(4), 2001).
+
+pub mod feature;
+pub mod plan;
+pub mod space;
+pub mod volume;

@@ -1,0 +1,227 @@
+//! A grid with its samples.
+//!
+//! Samples keep the file's own type; [`Rescale`] says what they mean in Hounsfield units. So a volume
+//! that nothing changes is written back bit for bit.
+
+mod sample;
+mod trilinear;
+
+use ndarray::{Array3, ArrayView3};
+use thiserror::Error;
+
+use crate::space::Grid;
+
+pub use sample::{Sample, SampleType};
+pub use trilinear::Trilinear;
+
+/// Hounsfield units from stored samples: `slope · stored + intercept`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rescale {
+    /// HU per stored step; never zero, always finite.
+    pub slope: f64,
+    /// HU of a stored zero; always finite.
+    pub intercept: f64,
+}
+
+impl Rescale {
+    /// Samples that are Hounsfield units already.
+    pub const NONE: Self = Self {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+
+    /// The Hounsfield units that a stored value stands for.
+    #[inline]
+    pub fn to_hu(self, stored: f64) -> f64 {
+        self.slope * stored + self.intercept
+    }
+}
+
+/// Why a [`Volume`] cannot be made.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum VolumeError {
+    /// The sample array's shape is not the grid's.
+    #[error("the samples are {found:?} (z, y, x), the grid needs {expected:?}")]
+    Shape {
+        /// Shape of the array, (z, y, x).
+        found: [usize; 3],
+        /// Shape that the grid asks for, (z, y, x).
+        expected: [usize; 3],
+    },
+    /// Memory for the samples could not be had.
+    #[error("no memory for {voxels} voxels of {bytes_per_voxel} bytes")]
+    Memory {
+        /// Number of voxels asked for.
+        voxels: usize,
+        /// Bytes of one.
+        bytes_per_voxel: usize,
+    },
+}
+
+/// Samples on a [`Grid`]. The array is indexed `[z, y, x]`, x fastest, axes in LPS order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume<T> {
+    grid: Grid,
+    rescale: Rescale,
+    samples: Array3<T>,
+}
+
+impl<T: Sample> Volume<T> {
+    /// A volume of the samples given, in standard (x fastest) layout.
+    ///
+    /// # Errors
+    /// [`VolumeError::Shape`] where `samples` is not `[nz, ny, nx]` of the grid.
+    pub fn new(grid: Grid, rescale: Rescale, samples: Array3<T>) -> Result<Self, VolumeError> {
+        let [nx, ny, nz] = grid.dims();
+        let expected = [nz, ny, nx];
+        if samples.shape() != expected {
+            let (z, y, x) = samples.dim();
+            return Err(VolumeError::Shape {
+                found: [z, y, x],
+                expected,
+            });
+        }
+        let samples = if samples.is_standard_layout() {
+            samples
+        } else {
+            samples.as_standard_layout().into_owned()
+        };
+        Ok(Self {
+            grid,
+            rescale,
+            samples,
+        })
+    }
+
+    /// A volume of zeros. Memory is asked for, not assumed.
+    ///
+    /// # Errors
+    /// [`VolumeError::Memory`] where the machine has none.
+    pub fn zeros(grid: Grid, rescale: Rescale) -> Result<Self, VolumeError> {
+        let samples = zeroed(grid.len())?;
+        let [nx, ny, nz] = grid.dims();
+        let samples =
+            Array3::from_shape_vec((nz, ny, nx), samples).map_err(|_| VolumeError::Shape {
+                found: [0; 3],
+                expected: [nz, ny, nx],
+            })?;
+        Ok(Self {
+            grid,
+            rescale,
+            samples,
+        })
+    }
+
+    /// Size, spacing and position.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// What the samples mean in Hounsfield units.
+    pub fn rescale(&self) -> Rescale {
+        self.rescale
+    }
+
+    /// The samples, indexed `[z, y, x]`.
+    pub fn samples(&self) -> ArrayView3<'_, T> {
+        self.samples.view()
+    }
+
+    /// The samples in memory order: x fastest, then y, then z.
+    pub fn as_slice(&self) -> &[T] {
+        // Both constructors leave the array in standard layout.
+        self.samples.as_slice().unwrap_or_default()
+    }
+
+    /// As [`Volume::as_slice`], to be written.
+    pub fn as_mut_slice(&mut self) -> &mut [T] {
+        self.samples.as_slice_mut().unwrap_or_default()
+    }
+
+    /// Voxels of one z plane.
+    pub fn plane_len(&self) -> usize {
+        let [nx, ny, _] = self.grid.dims();
+        nx * ny
+    }
+
+    /// Smallest and largest sample in Hounsfield units.
+    pub fn hu_range(&self) -> (f64, f64) {
+        let (low, high) = self.as_slice().iter().fold(
+            (f64::INFINITY, f64::NEG_INFINITY),
+            |(low, high), &sample| {
+                let value = sample.to_f64();
+                (low.min(value), high.max(value))
+            },
+        );
+        let (a, b) = (self.rescale.to_hu(low), self.rescale.to_hu(high));
+        (a.min(b), a.max(b))
+    }
+}
+
+/// `len` zero samples, or an error where the machine has no memory for them.
+pub fn zeroed<T: Sample>(len: usize) -> Result<Vec<T>, VolumeError> {
+    let mut samples = Vec::new();
+    samples
+        .try_reserve_exact(len)
+        .map_err(|_| VolumeError::Memory {
+            voxels: len,
+            bytes_per_voxel: size_of::<T>(),
+        })?;
+    samples.resize(len, T::default());
+    Ok(samples)
+}
+
+/// A volume of any sample type that a file can hold.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs, reason = "each variant is its sample type")]
+pub enum AnyVolume {
+    U8(Volume<u8>),
+    I8(Volume<i8>),
+    U16(Volume<u16>),
+    I16(Volume<i16>),
+    U32(Volume<u32>),
+    I32(Volume<i32>),
+    U64(Volume<u64>),
+    I64(Volume<i64>),
+    F32(Volume<f32>),
+    F64(Volume<f64>),
+}
+
+/// Runs a body with the [`Volume`] inside an [`AnyVolume`], whatever its sample type.
+#[macro_export]
+macro_rules! with_volume {
+    ($any:expr, $volume:ident => $body:expr) => {
+        match $any {
+            $crate::volume::AnyVolume::U8($volume) => $body,
+            $crate::volume::AnyVolume::I8($volume) => $body,
+            $crate::volume::AnyVolume::U16($volume) => $body,
+            $crate::volume::AnyVolume::I16($volume) => $body,
+            $crate::volume::AnyVolume::U32($volume) => $body,
+            $crate::volume::AnyVolume::I32($volume) => $body,
+            $crate::volume::AnyVolume::U64($volume) => $body,
+            $crate::volume::AnyVolume::I64($volume) => $body,
+            $crate::volume::AnyVolume::F32($volume) => $body,
+            $crate::volume::AnyVolume::F64($volume) => $body,
+        }
+    };
+}
+
+impl AnyVolume {
+    /// Size, spacing and position.
+    pub fn grid(&self) -> &Grid {
+        with_volume!(self, volume => volume.grid())
+    }
+
+    /// Smallest and largest sample in Hounsfield units.
+    pub fn hu_range(&self) -> (f64, f64) {
+        with_volume!(self, volume => volume.hu_range())
+    }
+
+    /// The type that the samples are stored in.
+    pub fn sample_type(&self) -> SampleType {
+        fn of<T: Sample>(_: &Volume<T>) -> SampleType {
+            T::TYPE
+        }
+        with_volume!(self, volume => of(volume))
+    }
+}

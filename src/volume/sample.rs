@@ -1,0 +1,106 @@
+//! The number types that a volume can be stored in.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::{AnyVolume, Volume};
+
+/// The name of a sample type.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs, reason = "each variant is its sample type")]
+pub enum SampleType {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+}
+
+impl fmt::Display for SampleType {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        to.write_str(match self {
+            Self::U8 => "u8",
+            Self::I8 => "i8",
+            Self::U16 => "u16",
+            Self::I16 => "i16",
+            Self::U32 => "u32",
+            Self::I32 => "i32",
+            Self::U64 => "u64",
+            Self::I64 => "i64",
+            Self::F32 => "f32",
+            Self::F64 => "f64",
+        })
+    }
+}
+
+/// A number that a voxel can be.
+pub trait Sample: Copy + Default + PartialEq + Send + Sync + fmt::Debug + 'static {
+    /// Which one this is.
+    const TYPE: SampleType;
+
+    /// The value, to compute with. Integers beyond 2⁵³ are rounded to the nearest `f64`.
+    fn to_f64(self) -> f64;
+
+    /// The nearest value of this type: integers are rounded half away from zero and clamped to the
+    /// type's range, floats are kept.
+    fn from_interpolated(value: f64) -> Self;
+
+    /// Wraps a volume of this type.
+    fn wrap(volume: Volume<Self>) -> AnyVolume;
+}
+
+macro_rules! sample_type {
+    ($type:ty, $variant:ident, $value:ident => $from:expr) => {
+        impl Sample for $type {
+            const TYPE: SampleType = SampleType::$variant;
+
+            #[inline]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+
+            #[inline]
+            fn from_interpolated($value: f64) -> Self {
+                $from
+            }
+
+            fn wrap(volume: Volume<Self>) -> AnyVolume {
+                AnyVolume::$variant(volume)
+            }
+        }
+    };
+}
+
+// `f64::round` rounds half away from zero, and `as` clamps to the type's range.
+sample_type!(u8, U8, value => value.round() as Self);
+sample_type!(i8, I8, value => value.round() as Self);
+sample_type!(u16, U16, value => value.round() as Self);
+sample_type!(i16, I16, value => value.round() as Self);
+sample_type!(u32, U32, value => value.round() as Self);
+sample_type!(i32, I32, value => value.round() as Self);
+sample_type!(u64, U64, value => value.round() as Self);
+sample_type!(i64, I64, value => value.round() as Self);
+sample_type!(f32, F32, value => value as Self);
+sample_type!(f64, F64, value => value);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_round_away_from_zero_and_the_range_clamps() {
+        assert_eq!(i16::from_interpolated(2.5), 3);
+        assert_eq!(i16::from_interpolated(-2.5), -3);
+        assert_eq!(i16::from_interpolated(-2.4999), -2);
+        assert_eq!(i16::from_interpolated(1e9), i16::MAX);
+        assert_eq!(u8::from_interpolated(-1.0), 0);
+        assert_eq!(f32::from_interpolated(0.5), 0.5);
+    }
+}
