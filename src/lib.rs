@@ -4,6 +4,8 @@
 //! Transactions on Information Technology in Biomedicine 5(4), 2001).
 
 pub mod feature;
+pub mod morph;
 pub mod plan;
+pub mod resample;
 pub mod space;
 pub mod volume;

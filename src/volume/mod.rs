@@ -6,7 +6,7 @@
 mod sample;
 mod trilinear;
 
-use ndarray::{Array3, ArrayView3};
+use ndarray::{Array3, ArrayView3, ArrayViewMut3};
 use thiserror::Error;
 
 use crate::space::Grid;
@@ -125,6 +125,11 @@ impl<T: Sample> Volume<T> {
     /// The samples, indexed `[z, y, x]`.
     pub fn samples(&self) -> ArrayView3<'_, T> {
         self.samples.view()
+    }
+
+    /// As [`Volume::samples`], to be written.
+    pub fn samples_mut(&mut self) -> ArrayViewMut3<'_, T> {
+        self.samples.view_mut()
     }
 
     /// The samples in memory order: x fastest, then y, then z.

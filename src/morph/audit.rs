@@ -1,0 +1,139 @@
+//! What a map does to tissue, for trust: is it folded, how far does it move, how far is the adaptive
+//! evaluation from the exact one (method sections 4 and 6).
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::chain::{Chain, Lattice};
+use super::field::{Field, Scratch};
+use super::tile::{Tile, tiles_of};
+use super::{LANES, Points};
+use crate::feature::NoseBox;
+use crate::volume::{Sample, Trilinear, Volume};
+
+/// What a chain of stages does, over every voxel of a lattice.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct WarpAudit {
+    /// Smallest Jacobian determinant of the map; at or below 0 the map is folded there.
+    pub jacobian_min: f64,
+    /// Largest displacement, mm.
+    pub displacement_max_mm: f64,
+    /// Largest displacement of a voxel outside the nose box, mm.
+    pub displacement_max_outside_mm: f64,
+}
+
+impl WarpAudit {
+    /// Of a map that moves nothing.
+    pub const IDENTITY: Self = Self {
+        jacobian_min: 1.0,
+        displacement_max_mm: 0.0,
+        displacement_max_outside_mm: 0.0,
+    };
+
+    /// Examines `chain` at every voxel of `lattice`, which it must have been made for.
+    pub fn new(chain: &Chain, lattice: &Lattice, nose: &NoseBox) -> Self {
+        tiles_of(chain.support(lattice))
+            .into_par_iter()
+            .map(|voxels| {
+                let mut found = Self::IDENTITY;
+                let mut determinants = [1.0; LANES];
+                for z in voxels.start[2]..voxels.end[2] {
+                    for y in voxels.start[1]..voxels.end[1] {
+                        let start = [voxels.start[0], y, z];
+                        let targets = Points::row(start);
+                        let mut sources = targets.clone();
+                        chain.to_source_with_jacobian(&mut sources, &mut determinants);
+                        let lanes = voxels.end[0] - voxels.start[0];
+                        for (lane, &determinant) in determinants.iter().take(lanes).enumerate() {
+                            let target = targets.get(lane);
+                            let moved = ((sources.get(lane) - target) * lattice.spacing()).length();
+                            found.jacobian_min = found.jacobian_min.min(determinant);
+                            found.displacement_max_mm = found.displacement_max_mm.max(moved);
+                            if moved > found.displacement_max_outside_mm
+                                && nose.distance(lattice.point_at(target)) > 0.0
+                            {
+                                found.displacement_max_outside_mm = moved;
+                            }
+                        }
+                    }
+                }
+                found
+            })
+            .reduce(|| Self::IDENTITY, Self::worst)
+    }
+
+    fn worst(self, other: Self) -> Self {
+        Self {
+            jacobian_min: self.jacobian_min.min(other.jacobian_min),
+            displacement_max_mm: self.displacement_max_mm.max(other.displacement_max_mm),
+            displacement_max_outside_mm: self
+                .displacement_max_outside_mm
+                .max(other.displacement_max_outside_mm),
+        }
+    }
+}
+
+/// How far one field is from another, and what that does to a volume.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct FieldDifference {
+    /// Largest distance between source positions, mm.
+    pub position_max_mm: f64,
+    /// Mean over the voxels that either may move, mm.
+    pub position_mean_mm: f64,
+    /// Largest distance between source positions, voxels.
+    pub position_max_voxels: f64,
+    /// Largest difference between sampled values, HU.
+    pub value_max_hu: f64,
+    /// Mean over the voxels that either may move, HU.
+    pub value_mean_hu: f64,
+}
+
+impl FieldDifference {
+    /// Compares two fields on the same lattice at every voxel, and what each samples from `source`
+    /// (before rounding). Sums run in tile order, so the result is the same for any number of threads.
+    pub fn new<T: Sample>(source: &Volume<T>, one: &Field<'_>, other: &Field<'_>) -> Self {
+        let sampler = Trilinear::new(source);
+        let spacing = one.lattice().spacing();
+        let slope = source.rescale().slope.abs();
+        let parts: Vec<(Self, usize)> = tiles_of(one.support().union(&other.support()))
+            .into_par_iter()
+            .map_init(
+                || (Scratch::new(), Tile::new(), Tile::new()),
+                |(scratch, a, b), voxels| {
+                    one.fill(voxels, scratch, a);
+                    other.fill(voxels, scratch, b);
+                    let mut found = Self::default();
+                    let mut count = 0;
+                    for offset in a.offsets() {
+                        let (p, q) = (a.get(offset), b.get(offset));
+                        let mm = ((p - q) * spacing).length();
+                        let hu =
+                            (sampler.at(p.x, p.y, p.z) - sampler.at(q.x, q.y, q.z)).abs() * slope;
+                        found.position_max_mm = found.position_max_mm.max(mm);
+                        found.position_mean_mm += mm;
+                        found.position_max_voxels = found.position_max_voxels.max((p - q).length());
+                        found.value_max_hu = found.value_max_hu.max(hu);
+                        found.value_mean_hu += hu;
+                        count += 1;
+                    }
+                    (found, count)
+                },
+            )
+            .collect();
+        let mut all = Self::default();
+        let mut voxels = 0;
+        for (part, count) in parts {
+            all.position_max_mm = all.position_max_mm.max(part.position_max_mm);
+            all.position_max_voxels = all.position_max_voxels.max(part.position_max_voxels);
+            all.value_max_hu = all.value_max_hu.max(part.value_max_hu);
+            all.position_mean_mm += part.position_mean_mm;
+            all.value_mean_hu += part.value_mean_hu;
+            voxels += count;
+        }
+        if voxels > 0 {
+            all.position_mean_mm /= voxels as f64;
+            all.value_mean_hu /= voxels as f64;
+        }
+        all
+    }
+}

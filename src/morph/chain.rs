@@ -1,0 +1,193 @@
+//! Stages one after another, on a lattice of voxels.
+
+use glam::DVec3;
+
+use super::stage::StageMap;
+use super::{LANES, Points};
+use crate::space::{Grid, GridPoint};
+
+/// Voxel centres in grid millimetres of the full-size volume: its own, or those of half its size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lattice {
+    dims: [usize; 3],
+    spacing: DVec3,
+    first: GridPoint,
+}
+
+impl Lattice {
+    /// The volume's own voxels.
+    pub fn full(grid: &Grid) -> Self {
+        Self {
+            dims: grid.dims(),
+            spacing: grid.spacing(),
+            first: GridPoint(DVec3::ZERO),
+        }
+    }
+
+    /// Blocks of 2×2×2 voxels; an odd last plane is dropped. A coarse centre c sits at fine index
+    /// 2c + ½ (method section 5).
+    pub fn half(grid: &Grid) -> Self {
+        Self {
+            dims: grid.dims().map(|n| n / 2),
+            spacing: grid.spacing() * 2.0,
+            first: GridPoint(grid.spacing() * 0.5),
+        }
+    }
+
+    /// Voxels along x, y and z.
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// Distance between centres, mm.
+    pub fn spacing(&self) -> DVec3 {
+        self.spacing
+    }
+
+    /// The position of a lattice index.
+    pub fn point_at(&self, index: DVec3) -> GridPoint {
+        GridPoint(self.first.0 + index * self.spacing)
+    }
+
+    /// The lattice index of a position.
+    pub fn index_of(&self, point: GridPoint) -> DVec3 {
+        (point.0 - self.first.0) / self.spacing
+    }
+
+    /// All its voxels.
+    pub fn all(&self) -> VoxelBox {
+        VoxelBox {
+            start: [0; 3],
+            end: self.dims,
+        }
+    }
+}
+
+/// A box of voxels: from `start` up to, not including, `end`; axes x, y, z.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "described above")]
+pub struct VoxelBox {
+    pub start: [usize; 3],
+    pub end: [usize; 3],
+}
+
+impl VoxelBox {
+    /// A box of no voxels.
+    pub const EMPTY: Self = Self {
+        start: [0; 3],
+        end: [0; 3],
+    };
+
+    /// Whether it holds no voxel.
+    pub fn is_empty(&self) -> bool {
+        (0..3).any(|axis| self.start[axis] >= self.end[axis])
+    }
+
+    /// Voxels along each axis.
+    pub fn dims(&self) -> [usize; 3] {
+        [0, 1, 2].map(|axis| self.end[axis].saturating_sub(self.start[axis]))
+    }
+
+    /// The smallest box that holds both.
+    #[must_use]
+    pub fn union(&self, other: &Self) -> Self {
+        if self.is_empty() {
+            return *other;
+        }
+        if other.is_empty() {
+            return *self;
+        }
+        Self {
+            start: [0, 1, 2].map(|axis| self.start[axis].min(other.start[axis])),
+            end: [0, 1, 2].map(|axis| self.end[axis].max(other.end[axis])),
+        }
+    }
+}
+
+/// The map of several stages: from a voxel of the last stage's volume to the preoperative CT,
+/// V → T₁(T₂(… V)).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chain {
+    stages: Vec<StageMap>,
+}
+
+impl Chain {
+    /// The stages, first operation first. All must have been made for the same lattice.
+    pub fn new(stages: Vec<StageMap>) -> Self {
+        Self { stages }
+    }
+
+    /// Moves target positions to their sources, in place. The last operation is undone first.
+    #[inline]
+    pub fn to_source(&self, points: &mut Points) {
+        for stage in self.moving().rev() {
+            stage.to_source(points);
+        }
+    }
+
+    /// As [`Chain::to_source`], and puts the Jacobian determinant of the whole chain at each position into
+    /// `determinants`.
+    pub fn to_source_with_jacobian(&self, points: &mut Points, determinants: &mut [f64; LANES]) {
+        determinants.fill(1.0);
+        for stage in self.moving().rev() {
+            stage.to_source_with_jacobian(points, determinants);
+        }
+    }
+
+    /// Whether the tissue at a lattice position may come from elsewhere. Where this is false,
+    /// [`Chain::to_source`] leaves the position as it is, to the bit.
+    pub fn moves(&self, index: DVec3) -> bool {
+        self.moving().any(|stage| match stage.taper() {
+            None => true,
+            Some(taper) => taper.nose.distance(GridPoint(stage.to_units(index))) < taper.margin_mm,
+        })
+    }
+
+    /// Whether [`Chain::moves`] holds at every voxel of a box; `false` may also mean "not known".
+    pub fn moves_all(&self, voxels: &VoxelBox) -> bool {
+        let corner = |axis: usize, last: bool| {
+            if last {
+                voxels.end[axis].saturating_sub(1) as f64
+            } else {
+                voxels.start[axis] as f64
+            }
+        };
+        self.moving().any(|stage| match stage.taper() {
+            None => true,
+            // The distance to a box is convex: largest at a corner.
+            Some(taper) => (0..8).all(|c| {
+                let at = DVec3::new(
+                    corner(0, c & 1 != 0),
+                    corner(1, c & 2 != 0),
+                    corner(2, c & 4 != 0),
+                );
+                taper.nose.distance(GridPoint(stage.to_units(at))) < taper.margin_mm
+            }),
+        })
+    }
+
+    /// The voxels of a lattice outside which nothing moves.
+    pub fn support(&self, on: &Lattice) -> VoxelBox {
+        self.moving()
+            .map(|stage| match stage.taper() {
+                None => on.all(),
+                Some(taper) => {
+                    let margin = DVec3::splat(taper.margin_mm);
+                    let lo = on.index_of(GridPoint(taper.nose.min.0 - margin)).floor();
+                    let hi = on.index_of(GridPoint(taper.nose.max.0 + margin)).ceil();
+                    let dims = on.dims();
+                    // `as` clamps to the range of usize, and turns a negative number into 0.
+                    VoxelBox {
+                        start: [0, 1, 2].map(|axis| (lo[axis] as usize).min(dims[axis])),
+                        end: [0, 1, 2]
+                            .map(|axis| (hi[axis] as usize).saturating_add(1).min(dims[axis])),
+                    }
+                }
+            })
+            .fold(VoxelBox::EMPTY, |all, one| all.union(&one))
+    }
+
+    fn moving(&self) -> impl DoubleEndedIterator<Item = &StageMap> {
+        self.stages.iter().filter(|stage| !stage.is_identity())
+    }
+}

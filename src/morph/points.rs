@@ -1,0 +1,61 @@
+//! A handful of positions, one array per axis, so that a loop over them is a loop over vector lanes.
+
+use glam::DVec3;
+
+/// Positions handled at once. Two rows of eight: a tile's row, and enough for any vector unit.
+pub const LANES: usize = 16;
+
+/// [`LANES`] positions in voxels of a lattice.
+#[derive(Debug, Clone)]
+#[allow(missing_docs, reason = "the three axes")]
+pub struct Points {
+    pub x: [f64; LANES],
+    pub y: [f64; LANES],
+    pub z: [f64; LANES],
+}
+
+impl Points {
+    /// All at the origin.
+    pub const ZERO: Self = Self {
+        x: [0.0; LANES],
+        y: [0.0; LANES],
+        z: [0.0; LANES],
+    };
+
+    /// Neighbouring voxels along x, the first at `start`.
+    #[inline]
+    pub fn row(start: [usize; 3]) -> Self {
+        let mut points = Self {
+            x: [0.0; LANES],
+            y: [start[1] as f64; LANES],
+            z: [start[2] as f64; LANES],
+        };
+        for (lane, x) in points.x.iter_mut().enumerate() {
+            *x = (start[0] + lane) as f64;
+        }
+        points
+    }
+
+    /// Every lane at one position.
+    pub fn splat(at: DVec3) -> Self {
+        Self {
+            x: [at.x; LANES],
+            y: [at.y; LANES],
+            z: [at.z; LANES],
+        }
+    }
+
+    /// The position in one lane; `lane` below [`LANES`].
+    #[inline]
+    pub fn get(&self, lane: usize) -> DVec3 {
+        DVec3::new(self.x[lane], self.y[lane], self.z[lane])
+    }
+
+    /// Puts a position into one lane; `lane` below [`LANES`].
+    #[inline]
+    pub fn set(&mut self, lane: usize, at: DVec3) {
+        self.x[lane] = at.x;
+        self.y[lane] = at.y;
+        self.z[lane] = at.z;
+    }
+}

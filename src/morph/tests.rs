@@ -1,0 +1,503 @@
+//! One suite over every way of evaluating the map: the short form against the general sum, adaptive
+//! against exact, composition against doing it by hand, on anisotropic and oblique grids.
+
+use glam::{DMat3, DVec3};
+use ndarray::Array3;
+use proptest::prelude::*;
+
+use super::audit::{FieldDifference, WarpAudit};
+use super::chain::{Chain, Lattice};
+use super::field::{Evaluation, Field};
+use super::halfscale::CoarseDisplacement;
+use super::stage::{StageLines, StageMap, Taper};
+use super::warp::warp;
+use super::{EPSILON, LANES, Points};
+use crate::feature::{Cage, FeatureLine, Landmarks, NoseBox};
+use crate::space::{Grid, GridPoint, LpsPoint};
+use crate::volume::{Rescale, Volume};
+
+/// Anisotropic and oblique. A third of the phantom's size: what is tested here does not need more.
+fn grid() -> Grid {
+    let turn = DMat3::from_axis_angle(DVec3::new(0.2, 0.9, -0.4).normalize(), 0.3);
+    let origin = LpsPoint::new(-31.0, 17.0, 5.0);
+    Grid::new([100, 90, 52], [0.9, 1.0, 1.7], origin, turn).unwrap()
+}
+
+/// A nose in the middle of [`grid`].
+fn landmarks() -> Landmarks<GridPoint> {
+    Landmarks {
+        nasal_bones: GridPoint::new(45.0, 32.0, 58.0),
+        lip: GridPoint::new(45.0, 30.0, 32.0),
+        alare_right: GridPoint::new(27.0, 28.0, 40.0),
+        alare_left: GridPoint::new(64.0, 28.0, 40.0),
+        tip: GridPoint::new(41.0, 15.0, 41.0),
+        maxilla: GridPoint::new(45.0, 37.0, 40.0),
+    }
+}
+
+fn line(root: DVec3, tip: DVec3) -> FeatureLine {
+    FeatureLine::new(GridPoint(root), GridPoint(tip)).unwrap()
+}
+
+fn preoperative() -> FeatureLine {
+    line(landmarks().nasal_bones.0, landmarks().tip.0)
+}
+
+fn moved(tip_by: [f64; 3]) -> FeatureLine {
+    let start = preoperative();
+    line(start.root.0, start.tip.0 + DVec3::from_array(tip_by))
+}
+
+fn lines(source: FeatureLine, target: FeatureLine) -> StageLines {
+    StageLines {
+        source,
+        target,
+        cage: Cage::new(&landmarks(), 11.0),
+    }
+}
+
+fn taper(source: &FeatureLine, target: &FeatureLine) -> Taper {
+    Taper {
+        nose: NoseBox::new(&landmarks(), source, target),
+        margin_mm: 14.0,
+    }
+}
+
+fn local(source: FeatureLine, target: FeatureLine, width: f64, on: &Lattice) -> StageMap {
+    let taper = taper(&source, &target);
+    StageMap::local(&lines(source, target), width, taper, on).unwrap()
+}
+
+fn lee2001(source: FeatureLine, target: FeatureLine, on: &Lattice) -> StageMap {
+    StageMap::lee2001(&lines(source, target), on, on).unwrap()
+}
+
+/// Both models of one operation on the full lattice.
+fn both_models(source: FeatureLine, target: FeatureLine) -> [StageMap; 2] {
+    let full = Lattice::full(&grid());
+    [
+        local(source, target, 1.0, &full),
+        lee2001(source, target, &full),
+    ]
+}
+
+fn source_of(chain: &Chain, at: DVec3) -> DVec3 {
+    let mut points = Points::splat(at);
+    chain.to_source(&mut points);
+    points.get(LANES - 1)
+}
+
+/// Something in every voxel, smooth enough to interpolate and rough enough that a shift shows.
+fn textured() -> Volume<i16> {
+    let grid = grid();
+    let [nx, ny, nz] = grid.dims();
+    let samples = Array3::from_shape_fn((nz, ny, nx), |(z, y, x)| {
+        let wave =
+            libm::sin(x as f64 * 0.7) + libm::sin(y as f64 * 0.5) * libm::cos(z as f64 * 0.9);
+        (wave * 700.0) as i16
+    });
+    Volume::new(grid, Rescale::NONE, samples).unwrap()
+}
+
+fn adaptive_mm(tolerance: f64) -> Evaluation {
+    Evaluation::Adaptive {
+        tolerance,
+        metric: grid().spacing(),
+    }
+}
+
+#[test]
+fn the_tip_comes_from_where_it_was() {
+    let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
+    for stage in both_models(source, target) {
+        let at = target.tip.0 / grid().spacing();
+        let from = source_of(&stage.into(), at) * grid().spacing();
+        assert!((from - source.tip.0).length() < 1e-3, "{from}");
+    }
+}
+
+#[test]
+fn a_translated_f1_translates_the_tissue_on_it() {
+    let by = DVec3::new(2.0, 3.0, -1.5);
+    let source = preoperative();
+    let target = line(source.root.0 + by, source.tip.0 + by);
+    for stage in both_models(source, target) {
+        let chain = Chain::from(stage);
+        for place in [0.0, 0.3, 0.8, 1.0] {
+            let at = target.root.0.lerp(target.tip.0, place) / grid().spacing();
+            let moved = (source_of(&chain, at) - at) * grid().spacing();
+            assert!((moved + by).length() < 1e-4, "{moved} at {place}");
+        }
+        // On the cage nothing moves.
+        for (a, b) in Cage::new(&landmarks(), 11.0).edges() {
+            let at = a.lerp(b, 0.4) / grid().spacing();
+            assert!((source_of(&chain, at) - at).length() < 1e-3);
+        }
+    }
+}
+
+#[test]
+fn a_ramp_under_an_affine_map_is_the_ramp_of_the_affine_map() {
+    // With the cage out of reach λ is 1 and the map is the affine map of f1 alone.
+    let grid = grid();
+    let far = Cage {
+        min: DVec3::splat(1e12),
+        max: DVec3::splat(1e12 + 1.0),
+    };
+    let (source, target) = (preoperative(), moved([1.0, -2.0, 1.5]));
+    let stage_lines = StageLines {
+        source,
+        target,
+        cage: far,
+    };
+    let full = Lattice::full(&grid);
+    let stages = [
+        StageMap::lee2001(&stage_lines, &full, &full).unwrap(),
+        StageMap::local(
+            &stage_lines,
+            1.2,
+            Taper {
+                nose: taper(&source, &target).nose,
+                margin_mm: 1e12,
+            },
+            &full,
+        )
+        .unwrap(),
+    ];
+    let slope = DVec3::new(3.0, -5.0, 7.0);
+    let [nx, ny, nz] = grid.dims();
+    let ramp = Array3::from_shape_fn((nz, ny, nx), |(z, y, x)| {
+        slope.dot(DVec3::new(x as f64, y as f64, z as f64))
+    });
+    let ramp = Volume::new(grid.clone(), Rescale::NONE, ramp).unwrap();
+    for stage in stages {
+        let sum = stage.as_line_sum();
+        let scale = stage.to_units(DVec3::ONE) - stage.to_units(DVec3::ZERO);
+        let to_units = |at: DVec3| stage.to_units(at);
+        let expected: Vec<f64> = ramp
+            .samples()
+            .indexed_iter()
+            .map(|((z, y, x), _)| {
+                let at = DVec3::new(x as f64, y as f64, z as f64);
+                let from = at + sum.displacement(to_units(at)) / scale;
+                // The nearest edge voxel outside.
+                slope.dot(from.clamp(DVec3::ZERO, grid.last_index()))
+            })
+            .collect();
+        let chain = Chain::from(stage);
+        for evaluation in [Evaluation::Exact, adaptive_mm(1e-6)] {
+            let warped = warp(&ramp, &Field::evaluated(full, &chain, evaluation));
+            let worst = warped
+                .as_slice()
+                .iter()
+                .zip(&expected)
+                .fold(0.0_f64, |worst, (a, b)| worst.max((a - b).abs()));
+            assert!(worst < 1e-4, "{evaluation:?}: {worst}");
+            assert_ne!(warped, ramp);
+        }
+    }
+}
+
+#[test]
+fn no_edit_gives_the_input_bit_for_bit() {
+    let grid = grid();
+    let start = preoperative();
+    let [nx, ny, nz] = grid.dims();
+    // Values that interpolation would not survive.
+    let odd = [f32::MAX, -0.0, f32::MIN_POSITIVE, 1.0e-45, -f32::MAX];
+    let samples = Array3::from_shape_fn((nz, ny, nx), |(z, y, x)| odd[(x + 2 * y + 3 * z) % 5]);
+    let volume = Volume::new(grid.clone(), Rescale::NONE, samples).unwrap();
+    let full = Lattice::full(&grid);
+    for stage in both_models(start, start) {
+        let chain = Chain::from(stage);
+        for evaluation in [Evaluation::Exact, adaptive_mm(0.05)] {
+            let warped = warp(&volume, &Field::evaluated(full, &chain, evaluation));
+            let bits =
+                |v: &Volume<f32>| v.as_slice().iter().map(|s| s.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&warped), bits(&volume));
+        }
+        let audit = WarpAudit::new(&chain, &full, &taper(&start, &start).nose);
+        assert_eq!(audit, WarpAudit::IDENTITY);
+    }
+}
+
+#[test]
+fn outside_box_and_margin_the_output_is_the_input() {
+    let volume = textured();
+    let grid = grid();
+    let full = Lattice::full(&grid);
+    let half = Lattice::half(&grid);
+    let (source, target) = (preoperative(), moved([-4.0, 5.0, 2.0]));
+    let chain = Chain::from(local(source, target, 1.1, &full));
+    let coarse_chain = Chain::from(local(source, target, 1.1, &half));
+    let taper = taper(&source, &target);
+    let coarse = CoarseDisplacement::new(half, &coarse_chain, Evaluation::Exact).unwrap();
+    let fields = [
+        Field::evaluated(full, &chain, Evaluation::Exact),
+        Field::evaluated(full, &chain, adaptive_mm(0.3)),
+        Field::upsampled(full, &chain, coarse),
+    ];
+    for field in fields {
+        let warped = warp(&volume, &field);
+        let mut changed = 0;
+        for (((z, y, x), &a), &b) in volume.samples().indexed_iter().zip(&warped.samples()) {
+            let point = GridPoint(DVec3::new(x as f64, y as f64, z as f64) * grid.spacing());
+            if taper.at(point) == 0.0 {
+                assert_eq!(a, b, "voxel {x}, {y}, {z} is outside");
+            } else if a != b {
+                changed += 1;
+            }
+        }
+        assert!(changed > 10_000, "only {changed} voxels changed");
+    }
+}
+
+#[test]
+fn two_stages_are_the_double_map_made_by_hand() {
+    let grid = grid();
+    let full = Lattice::full(&grid);
+    let (first, second, third) = (
+        preoperative(),
+        moved([4.0, 0.0, 0.0]),
+        moved([4.0, 5.0, 1.0]),
+    );
+    let (one, two) = (
+        local(first, second, 1.0, &full),
+        local(second, third, 0.9, &full),
+    );
+    let chain = Chain::new(vec![one.clone(), two.clone()]);
+    let volume = textured();
+    let warped = warp(&volume, &Field::evaluated(full, &chain, Evaluation::Exact));
+    let sampler = crate::volume::Trilinear::new(&volume);
+    let (one, two) = (Chain::from(one), Chain::from(two));
+    for (x, y, z) in [
+        (45, 18, 24),
+        (48, 25, 26),
+        (40, 15, 30),
+        (52, 30, 22),
+        (5, 80, 50),
+    ] {
+        let at = DVec3::new(x as f64, y as f64, z as f64);
+        let from = source_of(&one, source_of(&two, at));
+        let expected = sampler.at(from.x, from.y, from.z).round() as i16;
+        assert_eq!(warped.samples()[[z, y, x]], expected);
+    }
+}
+
+#[test]
+fn half_scale_follows_lines_and_landmarks_to_half_a_voxel() {
+    let grid = grid();
+    let (full, half) = (Lattice::full(&grid), Lattice::half(&grid));
+    let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
+    // `local` is a map in mm: the same on both lattices.
+    let fine = Chain::from(local(source, target, 1.0, &full));
+    let coarse = Chain::from(local(source, target, 1.0, &half));
+    let at = DVec3::new(22.0, 11.0, 13.0);
+    let a = full.point_at(source_of(&fine, at * 2.0 + 0.5)).0;
+    let b = half.point_at(source_of(&coarse, at)).0;
+    assert!((a - b).length() < 1e-10);
+    // `lee2001` in coarse voxels, evaluated on either lattice.
+    let lines = lines(source, target);
+    let on_half = Chain::from(StageMap::lee2001(&lines, &half, &half).unwrap());
+    let on_full = Chain::from(StageMap::lee2001(&lines, &half, &full).unwrap());
+    let a = full.point_at(source_of(&on_full, at * 2.0 + 0.5)).0;
+    let b = half.point_at(source_of(&on_half, at)).0;
+    assert!((a - b).length() < 1e-10);
+    assert!((a - half.point_at(at).0).length() > 0.1, "the point moved");
+}
+
+#[test]
+fn a_displacement_of_half_size_is_near_the_one_of_full_size() {
+    let grid = grid();
+    let (full, half) = (Lattice::full(&grid), Lattice::half(&grid));
+    let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
+    let fine = Chain::from(local(source, target, 1.0, &full));
+    let coarse = Chain::from(local(source, target, 1.0, &half));
+    let up = CoarseDisplacement::new(half, &coarse, Evaluation::Exact).unwrap();
+    let difference = FieldDifference::new(
+        &textured(),
+        &Field::evaluated(full, &fine, Evaluation::Exact),
+        &Field::upsampled(full, &fine, up),
+    );
+    // The blur rounds the peak at the tip off; elsewhere the two agree.
+    assert!(difference.position_mean_mm < 0.05, "{difference:?}");
+    assert!(difference.position_max_mm < 1.0, "{difference:?}");
+    assert!(difference.position_max_mm > 0.0);
+}
+
+#[test]
+fn the_jacobian_is_that_of_finite_differences() {
+    let full = Lattice::full(&grid());
+    let (first, second, third) = (
+        preoperative(),
+        moved([4.0, 2.0, 0.0]),
+        moved([1.0, 5.0, 1.0]),
+    );
+    let chain = Chain::new(vec![
+        local(first, second, 1.2, &full),
+        local(second, third, 1.0, &full),
+    ]);
+    let global = Chain::from(lee2001(first, second, &full));
+    for chain in [chain, global] {
+        let mut seen = Vec::new();
+        for at in [
+            [40.3, 12.4, 20.1],
+            [52.7, 22.2, 25.3],
+            [60.2, 41.0, 30.6],
+            [20.5, 30.1, 12.2],
+        ] {
+            let at = DVec3::from_array(at);
+            let mut points = Points::splat(at);
+            let mut determinants = [0.0; LANES];
+            chain.to_source_with_jacobian(&mut points, &mut determinants);
+            assert!((points.get(3) - source_of(&chain, at)).length() < 1e-11);
+            let step = 1e-5;
+            let slope = |axis: DVec3| {
+                (source_of(&chain, at + axis * step) - source_of(&chain, at - axis * step))
+                    / (2.0 * step)
+            };
+            let expected =
+                DMat3::from_cols(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z)).determinant();
+            assert!(
+                (determinants[3] - expected).abs() < 1e-5,
+                "{} is not {expected} at {at}",
+                determinants[3]
+            );
+            seen.push(expected);
+        }
+        assert!(seen.iter().any(|d| (d - 1.0).abs() > 0.02), "{seen:?}");
+    }
+}
+
+#[test]
+fn a_fold_is_seen() {
+    // The tip is pushed through the base plane and out behind it.
+    let full = Lattice::full(&grid());
+    let (source, target) = (preoperative(), moved([0.0, 60.0, 0.0]));
+    let stage = local(source, target, 1.0, &full);
+    let nose = taper(&source, &target).nose;
+    let audit = WarpAudit::new(&stage.into(), &full, &nose);
+    assert!(audit.jacobian_min <= 0.0, "{audit:?}");
+    assert!(audit.displacement_max_mm > 55.0);
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bytes() {
+    let grid = grid();
+    let (full, half) = (Lattice::full(&grid), Lattice::half(&grid));
+    let volume = textured();
+    let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
+    let chain = Chain::from(local(source, target, 1.0, &full));
+    let coarse_chain = Chain::from(local(source, target, 1.0, &half));
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            let adaptive = Field::evaluated(full, &chain, adaptive_mm(0.05));
+            let exact = Field::evaluated(full, &chain, Evaluation::Exact);
+            let coarse = CoarseDisplacement::new(half, &coarse_chain, adaptive_mm(0.05)).unwrap();
+            (
+                warp(&volume, &adaptive),
+                warp(&volume, &Field::upsampled(full, &chain, coarse)),
+                FieldDifference::new(&volume, &exact, &adaptive),
+                WarpAudit::new(&chain, &full, &taper(&source, &target).nose),
+            )
+        })
+    };
+    let one = run(1);
+    assert_eq!(one, run(2));
+    assert_eq!(one, run(4));
+    assert_ne!(one.0, volume);
+}
+
+/// An f1 whose ends are anywhere near the nose, before and after: far wilder than a surgeon's.
+fn operation() -> impl Strategy<Value = (FeatureLine, FeatureLine)> {
+    let point = || (20.0..70.0, 5.0..45.0, 20.0..70.0).prop_map(|(x, y, z)| DVec3::new(x, y, z));
+    (point(), point(), point(), point())
+        .prop_filter("lines of at least 5 mm", |(a, b, c, d)| {
+            a.distance(*b) > 5.0 && c.distance(*d) > 5.0
+        })
+        .prop_map(|(a, b, c, d)| (line(a, b), line(c, d)))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn the_short_form_is_the_general_sum(
+        (source, target) in operation(),
+        at in (-20.0..120.0, -20.0..110.0, -20.0..70.0),
+    ) {
+        let at = DVec3::new(at.0, at.1, at.2);
+        for stage in both_models(source, target) {
+            let unit = stage.to_units(at);
+            let strength = stage.taper().map_or(1.0, |taper| taper.at(GridPoint(unit)));
+            let scale = stage.to_units(DVec3::ONE) - stage.to_units(DVec3::ZERO);
+            let expected = stage.as_line_sum().displacement(unit) * strength / scale;
+            let found = source_of(&stage.into(), at) - at;
+            let allowed = 1e-10 * (1.0 + expected.length());
+            prop_assert!((found - expected).length() < allowed, "{found} is not {expected}");
+        }
+    }
+}
+
+/// Ordinary and extreme edits of a nose, for the true error of the adaptive method.
+fn plausible_edit() -> impl Strategy<Value = [f64; 3]> {
+    [-10.0..10.0, -8.0..12.0, -8.0..8.0]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn adaptive_is_within_the_tolerance_at_every_voxel(
+        tip in plausible_edit(),
+        root in [-4.0..4.0, -4.0..4.0, -4.0..4.0],
+        mm in 0.02..0.5,
+    ) {
+        let full = Lattice::full(&grid());
+        let source = preoperative();
+        let target = line(
+            source.root.0 + DVec3::from_array(root),
+            source.tip.0 + DVec3::from_array(tip),
+        );
+        for stage in both_models(source, target) {
+            let chain = Chain::from(stage);
+            let exact = Field::evaluated(full, &chain, Evaluation::Exact);
+            let adaptive = Field::evaluated(full, &chain, adaptive_mm(mm));
+            let difference = FieldDifference::new(&textured(), &exact, &adaptive);
+            println!(
+                "tolerance {mm:.3} mm: largest true error {:.4} mm, mean {:.5} mm",
+                difference.position_max_mm, difference.position_mean_mm
+            );
+            prop_assert!(difference.position_max_mm <= mm, "{difference:?} for {mm} mm");
+        }
+    }
+
+    #[test]
+    fn adaptive_is_within_the_tolerance_for_any_lines((source, target) in operation()) {
+        let full = Lattice::full(&grid());
+        for stage in both_models(source, target) {
+            let chain = Chain::from(stage);
+            let exact = Field::evaluated(full, &chain, Evaluation::Exact);
+            let metric = DVec3::ONE;
+            for tolerance in [0.1, 1.0] {
+                let adaptive = Evaluation::Adaptive { tolerance, metric };
+                let adaptive = Field::evaluated(full, &chain, adaptive);
+                let difference = FieldDifference::new(&textured(), &exact, &adaptive);
+                println!(
+                    "tolerance {tolerance} voxel: largest true error {:.4} voxel",
+                    difference.position_max_voxels
+                );
+                prop_assert!(difference.position_max_voxels <= tolerance, "{difference:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn epsilon_is_the_decided_one() {
+    assert_eq!(EPSILON, 1e-3);
+}

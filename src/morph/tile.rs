@@ -1,0 +1,184 @@
+//! Source positions for a small block of voxels, and the blocks that cover a box.
+
+use glam::DVec3;
+use ndarray::{ArrayViewMut3, Axis};
+
+use super::LANES;
+use super::chain::VoxelBox;
+
+/// Side of a tile, in voxels: a row is [`LANES`] positions.
+pub const TILE: usize = LANES;
+
+/// Source positions of the voxels of one tile, in voxels of its lattice.
+#[derive(Debug)]
+pub struct Tile {
+    voxels: VoxelBox,
+    pub(super) x: Vec<f64>,
+    pub(super) y: Vec<f64>,
+    pub(super) z: Vec<f64>,
+}
+
+impl Tile {
+    /// Room for one tile, to be used again and again.
+    pub fn new() -> Self {
+        let room = || vec![0.0; TILE * TILE * TILE];
+        Self {
+            voxels: VoxelBox::EMPTY,
+            x: room(),
+            y: room(),
+            z: room(),
+        }
+    }
+
+    /// The voxels that it stands for: at most [`TILE`] along each axis.
+    pub fn voxels(&self) -> VoxelBox {
+        self.voxels
+    }
+
+    pub(super) fn begin(&mut self, voxels: VoxelBox) {
+        debug_assert!(voxels.dims().iter().all(|&n| n <= TILE));
+        self.voxels = voxels;
+    }
+
+    /// Place in the arrays of the row at (y, z) from the tile's start.
+    #[inline]
+    pub(super) fn row(y: usize, z: usize) -> std::ops::Range<usize> {
+        let start = (z * TILE + y) * TILE;
+        start..start + TILE
+    }
+
+    /// The source position of the voxel at an offset from the tile's start.
+    #[inline]
+    pub fn get(&self, [x, y, z]: [usize; 3]) -> DVec3 {
+        let place = (z * TILE + y) * TILE + x;
+        DVec3::new(self.x[place], self.y[place], self.z[place])
+    }
+
+    #[inline]
+    pub(super) fn set(&mut self, [x, y, z]: [usize; 3], at: DVec3) {
+        let place = (z * TILE + y) * TILE + x;
+        self.x[place] = at.x;
+        self.y[place] = at.y;
+        self.z[place] = at.z;
+    }
+
+    /// The offsets of all voxels, x fastest.
+    pub fn offsets(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
+        let [nx, ny, nz] = self.voxels.dims();
+        (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])))
+    }
+
+    /// The lattice index of an offset.
+    pub fn index(&self, offset: [usize; 3]) -> DVec3 {
+        let start = self.voxels.start;
+        DVec3::from_array([0, 1, 2].map(|axis| (start[axis] + offset[axis]) as f64))
+    }
+}
+
+impl Default for Tile {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The tiles that cover a box. They are anchored at voxel 0, so what a voxel gets does not depend on the
+/// box.
+pub fn tiles_of(voxels: VoxelBox) -> Vec<VoxelBox> {
+    if voxels.is_empty() {
+        return Vec::new();
+    }
+    let spans = [0, 1, 2].map(|axis| spans(voxels.start[axis], voxels.end[axis]));
+    let [xs, ys, zs] = &spans;
+    let mut tiles = Vec::with_capacity(xs.len() * ys.len() * zs.len());
+    for z in zs {
+        for y in ys {
+            for x in xs {
+                tiles.push(VoxelBox {
+                    start: [x.0, y.0, z.0],
+                    end: [x.1, y.1, z.1],
+                });
+            }
+        }
+    }
+    tiles
+}
+
+/// Tile-aligned pieces of start..end. A first piece that begins inside a tile is widened to the whole tile.
+fn spans(start: usize, end: usize) -> Vec<(usize, usize)> {
+    let first = start / TILE * TILE;
+    (first..end)
+        .step_by(TILE)
+        .map(|at| (at, (at + TILE).min(end)))
+        .collect()
+}
+
+/// An array cut into disjoint views, one for each tile of a box, in the order of [`tiles_of`].
+///
+/// The array is indexed `[z, y, x]` and covers the lattice.
+pub fn split_into_tiles<T>(
+    array: ArrayViewMut3<'_, T>,
+    voxels: VoxelBox,
+) -> Vec<(VoxelBox, ArrayViewMut3<'_, T>)> {
+    if voxels.is_empty() {
+        return Vec::new();
+    }
+    let mut parts = Vec::new();
+    for (z, slab) in cut(array, Axis(0), voxels.start[2], voxels.end[2]) {
+        for (y, strip) in cut(slab, Axis(1), voxels.start[1], voxels.end[1]) {
+            for (x, view) in cut(strip, Axis(2), voxels.start[0], voxels.end[0]) {
+                let tile = VoxelBox {
+                    start: [x.0, y.0, z.0],
+                    end: [x.1, y.1, z.1],
+                };
+                parts.push((tile, view));
+            }
+        }
+    }
+    parts
+}
+
+fn cut<T>(
+    array: ArrayViewMut3<'_, T>,
+    axis: Axis,
+    start: usize,
+    end: usize,
+) -> Vec<((usize, usize), ArrayViewMut3<'_, T>)> {
+    let spans = spans(start, end);
+    let mut parts = Vec::with_capacity(spans.len());
+    let (_, mut rest) = array.split_at(axis, start / TILE * TILE);
+    for span in spans {
+        let (part, after) = rest.split_at(axis, span.1 - span.0);
+        parts.push((span, part));
+        rest = after;
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array3;
+
+    use super::*;
+
+    #[test]
+    fn tiles_cover_the_box_once_and_are_anchored_at_zero() {
+        let voxels = VoxelBox {
+            start: [3, 17, 40],
+            end: [40, 33, 41],
+        };
+        let mut hits = Array3::<u8>::zeros((50, 50, 50));
+        let tiles = tiles_of(voxels);
+        let parts = split_into_tiles(hits.view_mut(), voxels);
+        assert_eq!(tiles.len(), parts.len());
+        for (tile, (expected, mut view)) in tiles.into_iter().zip(parts) {
+            assert_eq!(tile, expected);
+            assert!(tile.start.iter().all(|start| start % TILE == 0));
+            let [nx, ny, nz] = tile.dims();
+            assert_eq!(view.shape(), [nz, ny, nx]);
+            view += 1;
+        }
+        assert!(hits.iter().all(|&n| n <= 1));
+        let inside = hits.slice(ndarray::s![40..41, 17..33, 3..40]);
+        assert!(inside.iter().all(|&n| n == 1));
+    }
+}

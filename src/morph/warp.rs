@@ -1,0 +1,34 @@
+//! A volume sampled through a field.
+
+use rayon::prelude::*;
+
+use super::field::{Field, Scratch};
+use super::tile::{Tile, split_into_tiles};
+use crate::volume::{Sample, Trilinear, Volume};
+
+/// The volume whose every voxel takes the value that `source` has at the position that `field` gives it.
+///
+/// Trilinear; outside `source`, the nearest edge voxel; integers rounded half away from zero
+/// (method section 3). A voxel that is not moved keeps its sample bit for bit. The field's lattice
+/// must be the volume's.
+pub fn warp<T: Sample>(source: &Volume<T>, field: &Field<'_>) -> Volume<T> {
+    debug_assert_eq!(source.grid().dims(), field.lattice().dims());
+    let mut warped = source.clone();
+    let sampler = Trilinear::new(source);
+    split_into_tiles(warped.samples_mut(), field.support())
+        .into_par_iter()
+        .for_each_init(
+            || (Scratch::new(), Tile::new()),
+            |(scratch, tile), (voxels, mut to)| {
+                field.fill(voxels, scratch, tile);
+                for ((z, y, x), to) in to.indexed_iter_mut() {
+                    let offset = [x, y, z];
+                    let at = tile.get(offset);
+                    if at != tile.index(offset) {
+                        *to = T::from_interpolated(sampler.at(at.x, at.y, at.z));
+                    }
+                }
+            },
+        );
+    warped
+}
