@@ -16,6 +16,7 @@
 //! in, source positions coming out.
 
 pub mod audit;
+mod bounds;
 pub mod chain;
 mod exact;
 pub mod field;

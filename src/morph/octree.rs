@@ -3,6 +3,14 @@
 //! A cell's 8 corners are mapped exactly, and so are the 19 further points that halving it would add.
 //! Where trilinear interpolation from the corners meets every one of the 19 within the tolerance, the
 //! voxels inside take interpolated positions; else the cell is split into 8, down to single voxels.
+//!
+//! The 19 points alone say nothing of the voxels between them: with lines close together the true
+//! error reaches twice the largest at the 19. So a bound is added for what lies between. Let p be the
+//! largest difference at the 19 and B the most that trilinear interpolation over the whole cell can be
+//! off by, from a bound on the map's second derivative ([`bounds`](super::bounds)). Interpolation over an
+//! eighth of the cell is off by at most B/4, and it differs from interpolation over the cell by at most
+//! p, so p + B/4 bounds the error anywhere in the cell. In a cell of side 2 every voxel is one of the 27
+//! points, and p is the error.
 
 use glam::DVec3;
 
@@ -10,15 +18,11 @@ use super::chain::Chain;
 use super::tile::{TILE, Tile};
 use super::{LANES, Points};
 
-/// The largest cell. Small enough that no part of the cage or of f1 can hide between its 27 points.
+/// The largest cell: a whole tile.
 const ROOT: usize = TILE;
 
 /// Points along the side of a tile's lattice.
 const SIDE: usize = ROOT + 1;
-
-/// The share of the tolerance that the 19 points of a cell may use. Between them the error can be larger
-/// than at them: the rest is kept for that.
-const PROBE_SHARE: f64 = 0.5;
 
 /// Memory for one worker: the exact positions of one tile, each computed at most once.
 #[derive(Debug)]
@@ -72,6 +76,28 @@ impl Scratch {
         }
     }
 
+    /// The exact corners of a cell, where interpolation from them meets its 19 further points within `limit`.
+    fn corners_if_within(
+        &mut self,
+        chain: &Chain,
+        origin: DVec3,
+        at: [usize; 3],
+        half: usize,
+        metric: DVec3,
+        limit: f64,
+    ) -> Option<[DVec3; 8]> {
+        let wanted = lattice_27(at, half);
+        self.ensure(chain, origin, &wanted);
+        let corners = CORNERS.map(|place| self.get(wanted[place]));
+        let within = wanted.iter().enumerate().all(|(place, &point)| {
+            let steps = [place % 3, place / 3 % 3, place / 9];
+            let interpolated = trilinear(&corners, steps.map(|step| step as f64 * 0.5));
+            let off = (interpolated - self.get(point)) * metric;
+            off.length_squared() <= limit * limit
+        });
+        within.then_some(corners)
+    }
+
     fn flush(&mut self, chain: &Chain, points: &mut Points, places: &[usize]) {
         chain.to_source(points);
         for (lane, &place) in places.iter().enumerate() {
@@ -91,8 +117,6 @@ pub(super) fn fill(
 ) {
     let origin = tile.index([0; 3]);
     let dims = tile.voxels().dims();
-    let limit = tolerance * PROBE_SHARE;
-    let limit2 = limit * limit;
     scratch.known.fill(false);
     scratch.cells.clear();
     scratch.cells.push(([0; 3], ROOT));
@@ -106,26 +130,23 @@ pub(super) fn fill(
             continue;
         }
         let half = side / 2;
-        let wanted = lattice_27(at, half);
-        scratch.ensure(chain, origin, &wanted);
-        let corners = CORNERS.map(|place| scratch.get(wanted[place]));
-        let fits = (0..27).all(|place| {
-            let steps = [place % 3, place / 3 % 3, place / 9];
-            if steps.iter().all(|&step| step != 1) {
-                return true;
-            }
-            let interpolated = trilinear(&corners, steps.map(|step| step as f64 * 0.5));
-            let off = (interpolated - scratch.get(wanted[place])) * metric;
-            off.length_squared() <= limit2
-        });
-        if fits {
-            interpolate(tile, at, side, dims, &corners);
+        let between = if half == 1 {
+            0.0
         } else {
-            for child in 0..8 {
-                let shift = [child & 1, child >> 1 & 1, child >> 2];
-                let corner = [0, 1, 2].map(|axis| at[axis] + shift[axis] * half);
-                scratch.cells.push((corner, half));
-            }
+            chain.interpolation_error(tile.index(at), side as f64, metric) * 0.25
+        };
+        let limit = tolerance - between;
+        let corners = (limit >= 0.0)
+            .then(|| scratch.corners_if_within(chain, origin, at, half, metric, limit))
+            .flatten();
+        if let Some(corners) = corners {
+            interpolate(tile, at, side, dims, &corners);
+            continue;
+        }
+        for child in 0..8 {
+            let shift = [child & 1, child >> 1 & 1, child >> 2];
+            let corner = [0, 1, 2].map(|axis| at[axis] + shift[axis] * half);
+            scratch.cells.push((corner, half));
         }
     }
 }

@@ -33,7 +33,7 @@ impl Taper {
 
 /// 1 − s³(6s² − 15s + 10): from 1 at 0 to exactly 0 at 1, flat at both ends.
 #[inline]
-fn fade(s: f64) -> f64 {
+pub(super) fn fade(s: f64) -> f64 {
     1.0 - s * s * s * (6.0 * s * s - 15.0 * s + 10.0)
 }
 
@@ -51,10 +51,10 @@ fn fade_slope(s: f64) -> f64 {
 pub struct StageMap {
     scale: DVec3,
     offset: DVec3,
-    f1: Segment,
-    pair: PairMap,
-    cage: Cage,
-    taper: Option<Taper>,
+    pub(super) f1: Segment,
+    pub(super) pair: PairMap,
+    pub(super) cage: Cage,
+    pub(super) taper: Option<Taper>,
 }
 
 /// A stage's lines and the cage, in grid millimetres.
@@ -131,6 +131,11 @@ impl StageMap {
     /// taper is not part of it.
     pub fn as_line_sum(&self) -> LineSum {
         LineSum::of(self.f1, self.pair).with_fixed_lines(self.cage.edges())
+    }
+
+    /// Units of the model for each voxel of the lattice.
+    pub(super) fn scale(&self) -> DVec3 {
+        self.scale
     }
 
     /// A lattice position in the model's units.

@@ -1,0 +1,153 @@
+//! How much one stage's map can bend within a ball: what makes the adaptive method's tolerance hold at
+//! every voxel and not only where it looks.
+//!
+//! Every distance to a segment changes by at most the distance moved, so its range over the ball follows
+//! from its value at the centre. For r = d + ε with d the distance to a segment, along any unit direction,
+//! |d'| ≤ 1 and 0 ≤ d·d'' ≤ 1. With ρ = r₁²·Σ rₖ⁻² over the cage, λ = 1/(1 + ρ).
+
+use glam::DVec3;
+
+use super::EPSILON;
+use super::pair::Segment;
+use super::stage::{StageMap, Taper, fade};
+use crate::space::GridPoint;
+
+/// Largest |t'| and |t''| of the fade from 1 to 0 over a unit of length, along any direction: 15/8 and
+/// 10/√3 (attained at s = 1/2 and s = (3 − √3)/6).
+const FADE_SLOPE: f64 = 1.875;
+const FADE_CURVATURE: f64 = 5.773_502_691_896_258;
+
+/// Bounds over a region, along any unit direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Bounds {
+    /// Of the first derivative of the map.
+    pub lipschitz: f64,
+    /// Of the second.
+    pub curvature: f64,
+}
+
+impl Bounds {
+    pub(super) const IDENTITY: Self = Self {
+        lipschitz: 1.0,
+        curvature: 0.0,
+    };
+}
+
+/// Bounds of a factor of the displacement: its value and its two derivatives.
+struct Factor {
+    value: f64,
+    slope: f64,
+    curvature: f64,
+}
+
+impl StageMap {
+    /// Bounds over the ball of `radius` about `centre`, in the model's units.
+    pub(super) fn bounds(&self, centre: DVec3, radius: f64) -> Bounds {
+        let fade = self.taper.as_ref().map_or(
+            Factor {
+                value: 1.0,
+                slope: 0.0,
+                curvature: 0.0,
+            },
+            |taper| fade_bounds(taper, centre, radius),
+        );
+        if fade.value == 0.0 {
+            return Bounds::IDENTITY;
+        }
+        let lambda = self.lambda_bounds(centre, radius);
+        // s = t·λ, and the displacement is s·g with g affine.
+        let value = fade.value * lambda.value;
+        let slope = fade.value * lambda.slope + fade.slope * lambda.value;
+        let curvature = fade.value * lambda.curvature
+            + 2.0 * fade.slope * lambda.slope
+            + fade.curvature * lambda.value;
+        let linear = self.pair.linear;
+        let stretch = (linear.x_axis.length_squared()
+            + linear.y_axis.length_squared()
+            + linear.z_axis.length_squared())
+        .sqrt();
+        let pull = self.pair.displacement(centre).length() + stretch * radius;
+        Bounds {
+            lipschitz: 1.0 + value * stretch + slope * pull,
+            curvature: curvature * pull + 2.0 * slope * stretch,
+        }
+    }
+
+    fn lambda_bounds(&self, centre: DVec3, radius: f64) -> Factor {
+        let f1 = self.f1.distance(centre);
+        let nearest = (f1 - radius).max(0.0);
+        let (r_min, r_max) = (nearest + EPSILON, f1 + radius + EPSILON);
+        // Σ r⁻² at its least, and Σ r⁻², Σ r⁻³, Σ r⁻⁴ at their most.
+        let mut least = 0.0;
+        let (mut s2, mut s3, mut s4) = (0.0, 0.0, 0.0);
+        let mut touches = nearest <= EPSILON;
+        for (start, end) in self.cage.edges() {
+            let distance = Segment::new(start, end).distance(centre);
+            let nearest = (distance - radius).max(0.0);
+            // Nearer than ε the second derivative of the distance outweighs the rest.
+            touches |= nearest <= EPSILON;
+            let far = distance + radius + EPSILON;
+            least += 1.0 / (far * far);
+            let near = 1.0 / (nearest + EPSILON);
+            s2 += near * near;
+            s3 += near * near * near;
+            s4 += near * near * near * near;
+        }
+        let rho_min = r_min * r_min * least;
+        let scale = 1.0 / (1.0 + rho_min);
+        let rho_slope = 2.0 * r_max * s2 + 2.0 * r_max * r_max * s3;
+        let rho_curvature = if touches {
+            f64::INFINITY
+        } else {
+            2.0 * (1.0 + EPSILON / nearest) * s2 + 8.0 * r_max * s3 + 6.0 * r_max * r_max * s4
+        };
+        Factor {
+            value: scale,
+            slope: rho_slope * scale * scale,
+            curvature: rho_curvature * scale * scale
+                + 2.0 * rho_slope * rho_slope * scale * scale * scale,
+        }
+    }
+}
+
+fn fade_bounds(taper: &Taper, centre: DVec3, radius: f64) -> Factor {
+    let distance = taper.nose.distance(GridPoint(centre));
+    if distance - radius >= taper.margin_mm {
+        return Factor {
+            value: 0.0,
+            slope: 0.0,
+            curvature: 0.0,
+        };
+    }
+    let nearest = (distance - radius).max(0.0);
+    let (lo, hi) = (taper.nose.min.0, taper.nose.max.0);
+    let depth = (centre - lo).min(hi - centre).min_element();
+    let moves = depth < radius;
+    let m = taper.margin_mm;
+    Factor {
+        value: fade(nearest / m),
+        slope: if moves { FADE_SLOPE / m } else { 0.0 },
+        curvature: if moves { FADE_CURVATURE / (m * m) } else { 0.0 },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_constants_bound_the_fade() {
+        let (mut slope, mut curvature) = (0.0_f64, 0.0_f64);
+        let step = 1e-4;
+        for place in 1..10_000 {
+            let s = place as f64 * step;
+            let (a, b, c) = (fade(s - step), fade(s), fade((s + step).min(1.0)));
+            slope = slope.max((c - a).abs() / (2.0 * step));
+            curvature = curvature.max((a - 2.0 * b + c).abs() / (step * step));
+            // Across the box's edges the distance itself bends by 1/distance.
+            curvature = curvature.max((c - a).abs() / (2.0 * step) / s);
+        }
+        assert!(slope <= FADE_SLOPE && slope > FADE_SLOPE - 1e-3);
+        assert!(curvature <= FADE_CURVATURE + 1e-4 && curvature > FADE_CURVATURE - 1e-3);
+    }
+}
