@@ -83,7 +83,8 @@ impl Faults {
                 let hint = nearest(written, known)
                     .map(|near| format!("did you mean `{near}`?"))
                     .or_else(|| home(written).map(|home| format!("{shown} belongs in {home}")));
-                self.push(fault.expected(one_of(known, '`')).hint(hint));
+                let fault = fault.found(shown).expected(one_of(known, '`'));
+                self.push(fault.hint(hint));
             }
         }
         Table {
@@ -95,7 +96,7 @@ impl Faults {
 
     /// Notes that a key must be given, at the table that lacks it.
     pub fn missing(&mut self, table: &Table<'_, '_>, key: &str, expected: &str) {
-        let message = format!("{} has no `{key}`", table.name);
+        let message = format!("{} does not give `{key}`", table.name);
         let fault = Fault::new(Code::MissingKey, table.span, message);
         self.push(fault.expected(expected));
     }
@@ -134,10 +135,7 @@ impl Faults {
                 };
                 integer as f64
             }
-            DeValue::Float(float) => match float.as_str().parse::<f64>() {
-                Ok(number) => number,
-                Err(_) => f64::NAN,
-            },
+            DeValue::Float(float) => float.as_str().parse().unwrap_or(f64::NAN),
             _ => {
                 self.wrong_type(value, what, expected, None);
                 return None;
@@ -195,19 +193,8 @@ impl Faults {
         words: &[(&str, T)],
     ) -> Option<T> {
         let names: Vec<&str> = words.iter().map(|(name, _)| *name).collect();
-        self.word_expecting(value, what, words, &one_of(&names, '"'))
-    }
-
-    /// As [`Faults::word`], where not every word is to be recommended.
-    pub fn word_expecting<T: Copy>(
-        &mut self,
-        value: &Value<'_>,
-        what: &str,
-        words: &[(&str, T)],
-        expected: &str,
-    ) -> Option<T> {
-        let names: Vec<&str> = words.iter().map(|(name, _)| *name).collect();
-        let written = self.string(value, what, expected)?;
+        let expected = one_of(&names, '"');
+        let written = self.string(value, what, &expected)?;
         let found = words.iter().find(|(name, _)| *name == written);
         if let Some((_, word)) = found {
             return Some(*word);

@@ -11,8 +11,9 @@ pub(super) const MESSAGE: &str = "duplicate key";
 
 /// The fault of a key that is given again at `span`, after it was given at `first`.
 pub(super) fn fault(text: &str, span: Span, first: Option<Span>) -> Fault {
-    let message = format!("{} is given twice", quote(key_at(text, span), '`'));
-    let fault = Fault::new(Code::DuplicateKey, span, message);
+    let key = quote(key_at(text, span), '`');
+    let fault = Fault::new(Code::DuplicateKey, span, format!("{key} is given twice"));
+    let fault = fault.found(format!("a second {key}"));
     let before = first.and_then(|first| text.get(..first.start));
     match before {
         Some(before) => {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 use toml::de::DeTable;
 
-use super::decode::Faults;
+use super::decode::{Faults, quote};
 use super::diagnostic::{Code, Diagnostic, Diagnostics, Fault};
 use super::duplicates;
 use super::raw::RawPlan;
@@ -182,8 +182,7 @@ fn decode(text: &str, faults: &mut Faults) -> Option<RawPlan> {
         .partition(|error| error.message() == duplicates::MESSAGE);
     if let Some(error) = syntax.first() {
         let span = error.span().map_or(Span::default(), Span::from);
-        let message = format!("this is not TOML: {}", error.message());
-        faults.push(Fault::new(Code::Syntax, span, message));
+        faults.push(syntax_fault(error.message(), text, span));
         return None;
     }
     for error in duplicates {
@@ -194,4 +193,33 @@ fn decode(text: &str, faults: &mut Faults) -> Option<RawPlan> {
         faults.push(duplicates::fault(text, span, first));
     }
     RawPlan::decode(document, faults)
+}
+
+/// The first syntax error. The parser guesses by its first letter what a word without quotes should have
+/// been, and takes nothing for such a word: both are put more plainly here.
+fn syntax_fault(message: &str, text: &str, span: Span) -> Fault {
+    let values = "text in double quotes, a number, `true` or `false`, an array or a table";
+    let written = text.get(span.start..span.end).unwrap_or_default().trim();
+    let before = text.get(..span.start).unwrap_or_default().trim_end();
+    let is_value = before.ends_with(['=', '[', ',']);
+    if is_value && written.is_empty() && message.starts_with("string values must be quoted") {
+        let message = "this is not TOML: a value is missing";
+        return Fault::new(Code::Syntax, span, message).expected(values);
+    }
+    let is_word = written.starts_with(|c: char| c.is_ascii_alphabetic())
+        && written
+            .chars()
+            .all(|c| c.is_alphanumeric() || "_-./".contains(c));
+    if is_value && is_word {
+        let message = "this is not TOML: text must be in quotes";
+        let lower = written.to_ascii_lowercase();
+        let hint = if ["true", "false"].contains(&lower.as_str()) {
+            format!("write `{lower}`")
+        } else {
+            format!("write {}", quote(written, '"'))
+        };
+        let fault = Fault::new(Code::Syntax, span, message).found(quote(written, '`'));
+        return fault.expected(values).hint(hint);
+    }
+    Fault::new(Code::Syntax, span, format!("this is not TOML: {message}"))
 }

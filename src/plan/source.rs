@@ -108,7 +108,11 @@ impl Source {
     }
 
     fn boundary(&self, offset: usize) -> usize {
-        self.text.floor_char_boundary(offset)
+        let mut offset = offset.min(self.text.len());
+        while !self.text.is_char_boundary(offset) {
+            offset -= 1;
+        }
+        offset
     }
 }
 

@@ -92,7 +92,9 @@ fn stages(candidate: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawStage> {
                 let message = format!(
                     "\"{PREOPERATIVE}\" cannot name a stage: tables call the nose before the first stage so"
                 );
-                faults.push(Fault::new(Code::DuplicateName, reserved.span, message));
+                let fault = Fault::new(Code::DuplicateName, reserved.span, message);
+                let found = format!("\"{PREOPERATIVE}\"");
+                faults.push(fault.found(found).expected("another name"));
             }
             Some(RawStage {
                 name: unique(name, "stage of this candidate", &mut names, faults),
@@ -132,7 +134,7 @@ fn at_most<'a, 'i>(
         return items;
     };
     let place = Span::from(first.span());
-    let fault = Fault::new(Code::TooMany, place, format!("too many of {what}"));
+    let fault = Fault::new(Code::TooMany, place, format!("too many {what}"));
     faults.push(
         fault
             .found(format!("{} of them", items.len()))
@@ -154,7 +156,8 @@ fn unique(
     }
     let message = format!("another {what} is named \"{}\" already", name.value);
     let fault = Fault::new(Code::DuplicateName, name.span, message);
-    faults.push(fault.expected("a name of its own"));
+    let found = format!("\"{}\"", name.value);
+    faults.push(fault.found(found).expected("a name of its own"));
     None
 }
 
@@ -173,7 +176,7 @@ fn edits(stage: &Table<'_, '_>, faults: &mut Faults) -> Vec<Option<Located<RawEd
     let Some(items) = faults.array(value, what, expected) else {
         return Vec::new();
     };
-    let items = at_most(items, "the edits of a stage", MAX_EDITS, faults);
+    let items = at_most(items, "edits in a stage", MAX_EDITS, faults);
     items.iter().map(|item| edit(item, faults)).collect()
 }
 
@@ -227,7 +230,10 @@ fn edit(value: &Value<'_>, faults: &mut Faults) -> Option<Located<RawEdit>> {
 fn vector(value: &Value<'_>, what: &'static str, faults: &mut Faults) -> Option<RawVector> {
     let expected = "{ mm = [x, y, z] } in LPS, or { voxels = [x, y, z] } along the grid";
     let bare = value.get_ref().is_array();
-    let hint = bare.then(|| format!("say the unit: {{ mm = {} }}", describe_array(value)));
+    let hint = bare.then(|| {
+        let array = describe_array(value);
+        format!("say the unit: {{ mm = {array} }} or {{ voxels = {array} }}")
+    });
     let (unit, given) = faults.choice(value, what, &["mm", "voxels"], expected, hint)?;
     let components = faults
         .triple(given, what, "three numbers, [x, y, z]")?

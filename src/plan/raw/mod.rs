@@ -125,10 +125,12 @@ impl RawPlan {
             let expected = format!("`plan = {FORMAT}`, the version of the format");
             faults.missing(&table, "plan", &expected);
         }
+        let name = name(&table, "`name`", faults).map(|name| name.value);
+        let title = title(&table, "`title`", faults);
         let (ct, ct_place) = ct(&table, faults);
         Some(Self {
-            name: name(&table, "`name`", faults).map(|name| name.value),
-            title: title(&table, "`title`", faults),
+            name,
+            title,
             ct,
             ct_place,
             landmarks: landmarks(&table, faults),
@@ -164,7 +166,7 @@ fn is_supported(version: &Value<'_>, faults: &mut Faults) -> bool {
 /// A name that becomes a folder: required.
 fn name(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<Located<String>> {
     let expected = format!(
-        "lower-case letters, digits and hyphens, not beginning with a hyphen, at most {MAX_NAME}"
+        "at most {MAX_NAME} lower-case letters, digits and hyphens, not beginning with a hyphen"
     );
     let Some(value) = table.get("name") else {
         faults.missing(table, "name", &expected);
@@ -245,7 +247,7 @@ fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
             let place = table.key_place("phantom");
             let message = "[ct] gives both `path` and `phantom`";
             let fault = Fault::new(Code::Conflict, place, message);
-            faults.push(fault.expected("one of them"));
+            faults.push(fault.found("a second source").expected("one of them"));
             (None, phantom.span().into())
         }
         (Some(path), None) => {
@@ -257,7 +259,9 @@ fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
                 let place = table.key_place("sha256");
                 let message = "`ct.sha256` pins a file's content; the phantom is built in";
                 let hint = "remove this key".to_owned();
-                faults.push(Fault::new(Code::Conflict, place, message).hint(hint));
+                let fault = Fault::new(Code::Conflict, place, message);
+                let fault = fault.found("`sha256` with `phantom`");
+                faults.push(fault.expected("no `sha256`").hint(hint));
             }
             let words = [(Phantom::Lee2001.name(), Phantom::Lee2001)];
             let word = faults.word(phantom, "`ct.phantom`", &words);
@@ -315,7 +319,10 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
     if table.get("file").is_some() {
         let message = "`landmarks.file` is not available in this version of rhinoplan";
         let fault = Fault::new(Code::NotAvailable, table.key_place("file"), message);
-        faults.push(fault.expected(format!("`frame` and {}", listed(&names))));
+        let fault = fault.found("`file`");
+        let expected = format!("`frame` and {}", listed(&names));
+        let hint = "copy the points from the file, and its coordinateSystem as `frame`".to_owned();
+        faults.push(fault.expected(expected).hint(hint));
     }
     let frame = match table.get("frame") {
         Some(frame) => faults.word(frame, "`landmarks.frame`", &Frame::WORDS),
@@ -337,7 +344,7 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
     let absent = |name: &&str| table.get(name).is_none();
     let missing: Vec<&str> = names.into_iter().filter(absent).collect();
     if !missing.is_empty() && table.get("file").is_none() {
-        let message = format!("[landmarks] has no {}", listed(&missing));
+        let message = format!("[landmarks] does not give {}", listed(&missing));
         let fault = Fault::new(Code::MissingKey, table.span, message);
         faults.push(fault.expected(format!("for each, {POINT}")));
     }

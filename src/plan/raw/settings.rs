@@ -1,6 +1,6 @@
 //! `[cage]`, `[segment]`, `[morph]` and `[outputs]`.
 
-use super::super::decode::{Faults, Table, Value, describe};
+use super::super::decode::{Faults, Table, Value, describe, one_of};
 use super::super::diagnostic::{Code, Fault};
 use super::super::resolved::{
     DEFAULT_BONE_HU, DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, Method, Model, Morph,
@@ -164,8 +164,9 @@ fn model(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Model> {
     if word == Some(ModelWord::Lee2001) && table.get("margin").is_some() {
         let message = "`morph.margin` belongs to model \"local\"; \"lee2001\" is global";
         let fault = Fault::new(Code::Conflict, table.key_place("margin"), message);
+        let fault = fault.found("`margin` with `model = \"lee2001\"`");
         let hint = "remove `margin`, or write `model = \"local\"`".to_owned();
-        faults.push(fault.hint(hint));
+        faults.push(fault.expected("no `margin`").hint(hint));
     }
     Some(match word? {
         ModelWord::Local => Model::Local { margin_mm },
@@ -198,8 +199,9 @@ fn method(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Method> {
             if table.get(key).is_some() {
                 let message = format!("`morph.{key}` belongs to method \"adaptive\"; {why}");
                 let fault = Fault::new(Code::Conflict, table.key_place(key), message);
+                let fault = fault.found(format!("`{key}` with `method = \"exact\"`"));
                 let hint = format!("remove `{key}`, or write `method = \"adaptive\"`");
-                faults.push(fault.hint(hint));
+                faults.push(fault.expected(format!("no `{key}`")).hint(hint));
             }
         }
     }
@@ -209,26 +211,24 @@ fn method(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Method> {
     })
 }
 
-/// An output that plans can ask for.
+/// The outputs that this version writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Output {
     Volume,
     Displacement,
-    /// Part of the format, but not of this version.
-    NotAvailable,
 }
+
+const OUTPUTS: [(&str, Output); 2] = [
+    ("volume", Output::Volume),
+    ("displacement", Output::Displacement),
+];
+
+/// The outputs of the format that this version does not write.
+const NOT_AVAILABLE: [&str; 4] = ["mesh", "views", "slices", "charts"];
 
 pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Outputs {
     let mut outputs = Outputs::default();
-    let words = [
-        ("volume", Output::Volume),
-        ("displacement", Output::Displacement),
-        ("mesh", Output::NotAvailable),
-        ("views", Output::NotAvailable),
-        ("slices", Output::NotAvailable),
-        ("charts", Output::NotAvailable),
-    ];
-    let available = "\"volume\" or \"displacement\"";
+    let available = one_of(&OUTPUTS.map(|(word, _)| word), '"');
     let table = plan.get("outputs");
     let table = table.and_then(|value| faults.table(value, "[outputs]", &["write"]));
     let Some(value) = table.and_then(|table| table.get("write")) else {
@@ -239,29 +239,28 @@ pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Outputs {
     let Some(items) = faults.array(value, what, &expected) else {
         return outputs;
     };
-    let mut seen: Vec<&str> = Vec::new();
     for item in items {
-        let Some(output) = faults.word_expecting(item, what, &words, available) else {
+        let written = item.get_ref().as_str();
+        if let Some(word) = written.filter(|word| NOT_AVAILABLE.contains(word)) {
+            let message =
+                format!("output \"{word}\" is not available in this version of rhinoplan");
+            let fault = Fault::new(Code::NotAvailable, item.span().into(), message);
+            faults.push(fault.found(describe(item)).expected(available.as_str()));
+            continue;
+        }
+        let Some(output) = faults.word(item, what, &OUTPUTS) else {
             continue;
         };
-        let word = item.get_ref().as_str().unwrap_or_default();
-        if seen.contains(&word) {
-            let message = format!("{what} names \"{word}\" twice");
+        let asked = match output {
+            Output::Volume => &mut outputs.volume,
+            Output::Displacement => &mut outputs.displacement,
+        };
+        if *asked {
+            let message = format!("{what} names {} twice", describe(item));
             let fault = Fault::new(Code::DuplicateName, item.span().into(), message);
-            faults.push(fault.expected("each output once"));
-            continue;
+            faults.push(fault.found(describe(item)).expected("each output once"));
         }
-        seen.push(word);
-        match output {
-            Output::Volume => outputs.volume = true,
-            Output::Displacement => outputs.displacement = true,
-            Output::NotAvailable => {
-                let message =
-                    format!("output \"{word}\" is not available in this version of rhinoplan");
-                let fault = Fault::new(Code::NotAvailable, item.span().into(), message);
-                faults.push(fault.expected(available));
-            }
-        }
+        *asked = true;
     }
     outputs
 }

@@ -4,7 +4,7 @@ use super::super::decode::Faults;
 use super::super::diagnostic::{Code, Fault};
 use super::super::raw::{Frame, RawLandmarks, RawPlan};
 use super::super::source::{Located, Span};
-use super::{is_inside, show_index, show_range, to_grid, to_index};
+use super::{is_inside, show_index, show_line_error, show_number, show_range, to_grid, to_index};
 use crate::feature::{FeatureLine, Landmark, Landmarks};
 use crate::space::{ContinuousIndex, Grid, GridPoint};
 
@@ -74,7 +74,8 @@ pub(super) fn place(raw: &RawPlan, grid: &Grid, faults: &mut Faults) -> Placed {
                     let tip = raw.landmarks.points.tip.as_ref();
                     let place = raw.f1_root.as_ref().or(tip);
                     let span = place.map_or(Span::default(), |place| place.span);
-                    let fault = Fault::new(Code::BadValue, span, error.to_string());
+                    let fault = Fault::new(Code::BadValue, span, "f1 has no direction");
+                    let fault = fault.found(show_line_error(error));
                     faults.push(
                         fault.expected("a root away from the tip, near the nasofrontal angle"),
                     );
@@ -131,7 +132,7 @@ fn wrong_sides(indices: &Indices) -> Vec<Fault> {
     let rules = [
         (
             (AlareLeft, AlareRight, 0, "x"),
-            "on the patient's left of",
+            "to the patient's left of",
             "swap `alare_left` and `alare_right`: left is the patient's left",
         ),
         (
@@ -162,9 +163,9 @@ fn wrong_sides(indices: &Indices) -> Vec<Fault> {
             low.span
         };
         let found = format!(
-            "voxel {letter} = {:.1} of `{greater}` and {:.1} of `{lesser}`",
-            of(high),
-            of(low)
+            "voxel {letter} = {} of `{greater}` and {} of `{lesser}`",
+            show_number(of(high)),
+            show_number(of(low))
         );
         let expected = format!("`{greater}` {relation} `{lesser}`: a greater voxel {letter}");
         let fault = Fault::new(Code::WrongSide, span, message);

@@ -10,6 +10,7 @@ use super::diagnostic::{Code, Fault};
 use super::raw::{Frame, RawCt, RawLength, RawPlan};
 use super::resolved::{CtSource, DEFAULT_CAGE_DEPTH_MM, Plan};
 use super::source::Span;
+use crate::feature::LineError;
 use crate::space::{ContinuousIndex, Grid, GridPoint, LpsPoint, RasPoint};
 
 pub(super) use landmarks::sides_of_voxels;
@@ -94,8 +95,27 @@ fn is_inside(index: ContinuousIndex, grid: &Grid) -> bool {
 
 /// A voxel position in a message.
 fn show_index(index: ContinuousIndex) -> String {
-    let [x, y, z] = index.to_array();
-    format!("voxel ({x:.1}, {y:.1}, {z:.1})")
+    let [x, y, z] = index.to_array().map(show_number);
+    format!("voxel ({x}, {y}, {z})")
+}
+
+/// A position or length in a message: to a tenth, unless it is so large that only its size matters.
+fn show_number(number: f64) -> String {
+    if number.abs() < 1e5 {
+        format!("{number:.1}")
+    } else {
+        format!("{number:.1e}")
+    }
+}
+
+/// What is wrong with a line, in a message.
+fn show_line_error(error: LineError) -> String {
+    match error {
+        LineError::Degenerate { length_mm } => {
+            format!("a line from root to tip of {length_mm:e} mm")
+        }
+        LineError::NotFinite => "an end at no finite position".to_owned(),
+    }
 }
 
 /// The voxels that a grid has, in a message.

@@ -6,7 +6,7 @@ use super::super::raw::{Frame, MAX_WIDTH, RawCandidate, RawEdit, RawPlan, RawSta
 use super::super::resolved::{Candidate, Model, Stage};
 use super::super::source::{Located, Span};
 use super::landmarks::Placed;
-use super::{is_inside, show_index, show_range, to_grid};
+use super::{is_inside, show_index, show_line_error, show_range, to_grid};
 use crate::feature::{Edit, FeatureLine, apply_edits};
 use crate::space::{Grid, GridPoint, GridVector, LpsVector};
 
@@ -54,7 +54,8 @@ pub(in super::super) fn widths(raw: &RawPlan, faults: &mut Faults) {
                 "`width` belongs to model \"local\"; the frame of \"lee2001\" has no width";
             let fault = Fault::new(Code::Conflict, edit.span, message);
             let hint = "remove this edit, or write `model = \"local\"` in [morph]".to_owned();
-            faults.push(fault.hint(hint));
+            let fault = fault.found("`width` with `model = \"lee2001\"`");
+            faults.push(fault.expected("no `width`").hint(hint));
         }
     }
 }
@@ -101,8 +102,9 @@ fn stage(
             let span = raw_edits
                 .get(place)
                 .map_or(Span::default(), |edit| edit.span);
-            let message = format!("this edit leaves no usable nose: {error}");
-            faults.push(Fault::new(Code::BadEdit, span, message));
+            let fault = Fault::new(Code::BadEdit, span, "this edit leaves f1 no direction");
+            let fault = fault.found(show_line_error(error));
+            faults.push(fault.expected("a tip away from the root"));
             return None;
         }
     };
@@ -119,14 +121,15 @@ fn stage(
         checks.inside(target.root, "root", last(moves_root), faults);
     }
     if !(MAX_WIDTH.recip()..=MAX_WIDTH).contains(&width) {
-        let message = "the width factors of this stage multiply to a nose out of range";
+        let message = "the width factors of this stage multiply to one that is out of range";
         let fault = Fault::new(Code::BadEdit, last(sets_width), message);
         let expected = format!("a product from {} to {MAX_WIDTH}", MAX_WIDTH.recip());
-        faults.push(
-            fault
-                .found(format!("a product of {width:.3e}"))
-                .expected(expected),
-        );
+        let product = if (1e-3..1e5).contains(&width) {
+            format!("a product of {width:.3}")
+        } else {
+            format!("a product of {width:.1e}")
+        };
+        faults.push(fault.found(product).expected(expected));
     }
     if faults.list.len() > before {
         return None;
@@ -143,7 +146,9 @@ fn stage(
 impl Checks<'_> {
     /// Notes a tip that is outside the volume, or not in front of the base plane.
     fn tip(&self, tip: GridPoint, span: Span, faults: &mut Faults) {
-        self.inside(tip, "tip", span, faults);
+        if !self.inside(tip, "tip", span, faults) {
+            return;
+        }
         let height_mm = self.base_plane - tip.0.y;
         if height_mm <= 0.0 {
             let message = "this edit leaves the tip at or behind the base plane";
@@ -153,15 +158,17 @@ impl Checks<'_> {
         }
     }
 
-    /// Notes an end of f1 that is outside the volume.
-    fn inside(&self, end: GridPoint, what: &str, span: Span, faults: &mut Faults) {
+    /// Whether an end of f1 is inside the volume; notes where it is not.
+    fn inside(&self, end: GridPoint, what: &str, span: Span, faults: &mut Faults) -> bool {
         let index = self.grid.grid_to_index(end);
-        if !is_inside(index, self.grid) {
+        let inside = is_inside(index, self.grid);
+        if !inside {
             let message = format!("this edit leaves the {what} of f1 outside the volume");
             let fault = Fault::new(Code::BadEdit, span, message);
             let fault = fault.found(format!("the {what} at {}", show_index(index)));
             faults.push(fault.expected(show_range(self.grid)));
         }
+        inside
     }
 }
 
