@@ -19,7 +19,7 @@ const PLANS: [&str; 2] = [
 const TRIALS: usize = 6000;
 
 /// What is inserted: syntax, keys, and values at the borders of what is allowed.
-const PIECES: [&str; 48] = [
+const PIECES: [&str; 50] = [
     "[",
     "]",
     "[[",
@@ -38,6 +38,8 @@ const PIECES: [&str; 48] = [
     "\t",
     "\\",
     "\u{0}",
+    "\u{1b}[31m",
+    "\u{202e}",
     "\u{feff}",
     "é",
     "日",

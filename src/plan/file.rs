@@ -211,7 +211,7 @@ fn syntax_fault(message: &str, text: &str, span: Span) -> Fault {
             .chars()
             .all(|c| c.is_alphanumeric() || "_-./".contains(c));
     if is_value && is_word {
-        let message = "this is not TOML: text must be in quotes";
+        let message = "this is not TOML: a word without quotes";
         let lower = written.to_ascii_lowercase();
         let hint = if ["true", "false"].contains(&lower.as_str()) {
             format!("write `{lower}`")
