@@ -76,6 +76,18 @@ impl<P> Landmarks<P> {
         }
     }
 
+    /// The place of one landmark's value.
+    pub fn get_mut(&mut self, landmark: Landmark) -> &mut P {
+        match landmark {
+            Landmark::NasalBones => &mut self.nasal_bones,
+            Landmark::Lip => &mut self.lip,
+            Landmark::AlareLeft => &mut self.alare_left,
+            Landmark::AlareRight => &mut self.alare_right,
+            Landmark::Tip => &mut self.tip,
+            Landmark::Maxilla => &mut self.maxilla,
+        }
+    }
+
     /// The landmarks in another frame.
     pub fn map<Q>(self, mut convert: impl FnMut(P) -> Q) -> Landmarks<Q> {
         Landmarks {

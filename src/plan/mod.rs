@@ -2,9 +2,25 @@
 //!
 //! A plan file becomes a [`Plan`], in which every default is filled in, every unit is resolved and every
 //! position is in grid millimetres, so that nothing after it meets a unit, a default or a missing key.
+//!
+//! ```text
+//! text ── decode ──> raw plan (as written, with places) ── resolve, with the CT's grid ──> Plan
+//!            └───────────────── faults ─────────────────────┴──> Diagnostics
+//! ```
+//!
+//! [`PlanFile`] is both steps. Faults never stop either step: they are noted, and all reported together.
 
+mod decode;
+mod diagnostic;
+mod duplicates;
+mod file;
+mod raw;
+mod resolve;
 mod resolved;
+mod source;
 
+pub use diagnostic::{Code, Diagnostic, Diagnostics};
+pub use file::{MAX_PLAN_BYTES, PlanFile, PlanReadError};
 pub use resolved::{
     Candidate, CtSource, DEFAULT_BONE_HU, DEFAULT_CAGE_DEPTH_MM, DEFAULT_MARGIN_MM,
     DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, Method, Model, Morph, Outputs, Phantom, Plan, Scale,

@@ -1,0 +1,255 @@
+//! `[[candidate]]`, its stages and their edits.
+
+use std::collections::HashSet;
+
+use super::super::decode::{Faults, Table, Value, describe};
+use super::super::diagnostic::{Code, Fault};
+use super::super::source::{Located, Span};
+use super::{POINT, name, title};
+use crate::feature::Edit;
+
+/// The most candidates, stages of a candidate and edits of a stage: more come from a broken generator.
+const MAX_CANDIDATES: usize = 1000;
+const MAX_STAGES: usize = 100;
+const MAX_EDITS: usize = 100;
+/// The name under which tables show the nose as it was.
+const PREOPERATIVE: &str = "preoperative";
+/// The largest widening factor; its inverse is the smallest.
+pub(in super::super) const MAX_WIDTH: f64 = 10.0;
+
+/// A candidate whose name or stages may be wanting.
+#[derive(Debug, Clone)]
+pub(in super::super) struct RawCandidate {
+    pub name: Option<String>,
+    pub title: Option<String>,
+    pub stages: Vec<RawStage>,
+}
+
+/// A stage as written.
+#[derive(Debug, Clone)]
+pub(in super::super) struct RawStage {
+    pub name: Option<String>,
+    /// None for an edit that could not be read: the line after it is not known.
+    pub edits: Vec<Option<Located<RawEdit>>>,
+}
+
+/// An edit in the unit and frame in which it is written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in super::super) enum RawEdit {
+    MoveTip(RawVector),
+    MoveRoot(RawVector),
+    /// In the landmarks' frame.
+    TipTo([f64; 3]),
+    /// In the landmarks' frame.
+    RootTo([f64; 3]),
+    /// An edit that needs no frame.
+    Word(Edit),
+}
+
+/// A displacement in the unit in which it is written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in super::super) enum RawVector {
+    /// Along the patient's axes, LPS, mm.
+    Mm([f64; 3]),
+    /// Along the LPS-ordered axes of the grid, voxels.
+    Voxels([f64; 3]),
+}
+
+pub(super) fn candidates(plan: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawCandidate> {
+    let expected = "at least one [[candidate]]";
+    let Some(value) = plan.get("candidate") else {
+        faults.missing(plan, "candidate", expected);
+        return Vec::new();
+    };
+    let mut names = HashSet::new();
+    tables(value, "[[candidate]]", MAX_CANDIDATES, faults)
+        .iter()
+        .filter_map(|item| {
+            let table = faults.table(item, "[[candidate]]", &["name", "title", "stage"])?;
+            let name = name(&table, "`candidate.name`", faults);
+            Some(RawCandidate {
+                name: unique(name, "candidate", &mut names, faults),
+                title: title(&table, "`candidate.title`", faults),
+                stages: stages(&table, faults),
+            })
+        })
+        .collect()
+}
+
+fn stages(candidate: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawStage> {
+    let Some(value) = candidate.get("stage") else {
+        let expected = "at least one [[candidate.stage]] below each [[candidate]]";
+        faults.missing(candidate, "stage", expected);
+        return Vec::new();
+    };
+    let mut names = HashSet::new();
+    tables(value, "[[candidate.stage]]", MAX_STAGES, faults)
+        .iter()
+        .filter_map(|item| {
+            let table = faults.table(item, "[[candidate.stage]]", &["name", "f1"])?;
+            let mut name = name(&table, "`candidate.stage.name`", faults);
+            if let Some(reserved) = name.take_if(|name| name.value == PREOPERATIVE) {
+                let message = format!(
+                    "\"{PREOPERATIVE}\" cannot name a stage: tables call the nose before the first stage so"
+                );
+                let fault = Fault::new(Code::DuplicateName, reserved.span, message);
+                let found = format!("\"{PREOPERATIVE}\"");
+                faults.push(fault.found(found).expected("another name"));
+            }
+            Some(RawStage {
+                name: unique(name, "stage of this candidate", &mut names, faults),
+                edits: edits(&table, faults),
+            })
+        })
+        .collect()
+}
+
+/// The tables of an array of tables, at most `most`.
+fn tables<'a, 'i>(
+    value: &'a Value<'i>,
+    header: &str,
+    most: usize,
+    faults: &mut Faults,
+) -> &'a [Value<'i>] {
+    let expected = format!("one or more tables, {header}");
+    if value.get_ref().is_table() {
+        let hint = format!("write the header with two brackets: {header}");
+        faults.wrong_type(value, header, &expected, Some(hint));
+        return &[];
+    }
+    let Some(items) = faults.array(value, header, &expected) else {
+        return &[];
+    };
+    at_most(items, header, most, faults)
+}
+
+/// The first `most` items; notes where there are more.
+fn at_most<'a, 'i>(
+    items: &'a [Value<'i>],
+    what: &str,
+    most: usize,
+    faults: &mut Faults,
+) -> &'a [Value<'i>] {
+    let Some((kept, [first, ..])) = items.split_at_checked(most) else {
+        return items;
+    };
+    let place = Span::from(first.span());
+    let fault = Fault::new(Code::TooMany, place, format!("too many {what}"));
+    faults.push(
+        fault
+            .found(format!("{} of them", items.len()))
+            .expected(format!("at most {most}")),
+    );
+    kept
+}
+
+/// A name that none of its siblings has.
+fn unique(
+    name: Option<Located<String>>,
+    what: &str,
+    names: &mut HashSet<String>,
+    faults: &mut Faults,
+) -> Option<String> {
+    let name = name?;
+    if names.insert(name.value.clone()) {
+        return Some(name.value);
+    }
+    let message = format!("another {what} is named \"{}\" already", name.value);
+    let fault = Fault::new(Code::DuplicateName, name.span, message);
+    let found = format!("\"{}\"", name.value);
+    faults.push(fault.found(found).expected("a name of its own"));
+    None
+}
+
+fn edits(stage: &Table<'_, '_>, faults: &mut Faults) -> Vec<Option<Located<RawEdit>>> {
+    let what = "`candidate.stage.f1`";
+    let expected = "an array of edits, such as [{ project = -2.0 }]";
+    let Some(value) = stage.get("f1") else {
+        faults.missing(stage, "f1", expected);
+        return Vec::new();
+    };
+    if value.get_ref().is_table() {
+        let hint = "put the edit in brackets: [{ … }]".to_owned();
+        faults.wrong_type(value, what, expected, Some(hint));
+        return Vec::new();
+    }
+    let Some(items) = faults.array(value, what, expected) else {
+        return Vec::new();
+    };
+    let items = at_most(items, "edits in a stage", MAX_EDITS, faults);
+    items.iter().map(|item| edit(item, faults)).collect()
+}
+
+/// The names of the edits.
+const EDITS: [&str; 9] = [
+    "move_tip",
+    "move_root",
+    "tip_to",
+    "root_to",
+    "project",
+    "rotate",
+    "lengthen",
+    "deviate",
+    "width",
+];
+
+fn edit(value: &Value<'_>, faults: &mut Faults) -> Option<Located<RawEdit>> {
+    let expected = "an edit, such as { project = -2.0 }; several edits are several tables";
+    let (name, given) = faults.choice(value, "an edit of f1", &EDITS, expected, None)?;
+    let mm = |what: &str, faults: &mut Faults| {
+        faults.number(given, what, "a number of mm, of either sign")
+    };
+    let edit = match name {
+        "move_tip" => RawEdit::MoveTip(vector(given, "`move_tip`", faults)?),
+        "move_root" => RawEdit::MoveRoot(vector(given, "`move_root`", faults)?),
+        "tip_to" => RawEdit::TipTo(faults.triple(given, "`tip_to`", POINT)?.value),
+        "root_to" => RawEdit::RootTo(faults.triple(given, "`root_to`", POINT)?.value),
+        "project" => RawEdit::Word(Edit::Project(mm("`project`", faults)?)),
+        "lengthen" => RawEdit::Word(Edit::Lengthen(mm("`lengthen`", faults)?)),
+        "deviate" => RawEdit::Word(Edit::Deviate(mm("`deviate`", faults)?)),
+        "rotate" => {
+            let expected = "a number of degrees between -180 and 180";
+            let valid = |degrees: f64| degrees.abs() < 180.0;
+            let degrees = faults.number_where(given, "`rotate`", expected, valid)?;
+            RawEdit::Word(Edit::Rotate(degrees))
+        }
+        _ => {
+            let least = MAX_WIDTH.recip();
+            let expected = format!("a factor from {least} to {MAX_WIDTH}; 1 changes nothing");
+            let valid = |factor: f64| (least..=MAX_WIDTH).contains(&factor);
+            let factor = faults.number_where(given, "`width`", &expected, valid)?;
+            RawEdit::Word(Edit::Width(factor))
+        }
+    };
+    Some(Located {
+        value: edit,
+        span: value.span().into(),
+    })
+}
+
+fn vector(value: &Value<'_>, what: &'static str, faults: &mut Faults) -> Option<RawVector> {
+    let expected = "{ mm = [x, y, z] } in LPS, or { voxels = [x, y, z] } along the grid";
+    let bare = value.get_ref().is_array();
+    let hint = bare.then(|| {
+        let array = describe_array(value);
+        format!("say the unit: {{ mm = {array} }} or {{ voxels = {array} }}")
+    });
+    let (unit, given) = faults.choice(value, what, &["mm", "voxels"], expected, hint)?;
+    let components = faults
+        .triple(given, what, "three numbers, [x, y, z]")?
+        .value;
+    Some(match unit {
+        "voxels" => RawVector::Voxels(components),
+        _ => RawVector::Mm(components),
+    })
+}
+
+/// A short array as it could be written.
+fn describe_array(value: &Value<'_>) -> String {
+    let items: Vec<String> = value
+        .get_ref()
+        .as_array()
+        .map(|array| array.iter().take(3).map(describe).collect())
+        .unwrap_or_default();
+    format!("[{}]", items.join(", "))
+}

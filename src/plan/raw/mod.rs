@@ -1,0 +1,367 @@
+//! The plan as written: every value decoded, none resolved.
+//!
+//! Decoding needs no CT. What is absent or wrong is `None` here, and its fault is noted; defaults and
+//! frames are the next step's.
+
+mod candidates;
+mod settings;
+
+use std::path::PathBuf;
+
+use toml::de::DeTable;
+
+use super::decode::{Faults, Table, Value, describe, quote, small_integer};
+use super::diagnostic::{Code, Fault};
+use super::resolved::{Morph, Outputs, Phantom, Segment};
+use super::source::{Located, Span};
+use crate::feature::{Landmark, Landmarks};
+
+pub(super) use candidates::{MAX_WIDTH, RawCandidate, RawEdit, RawStage, RawVector};
+pub(super) use settings::RawLength;
+
+/// The version of the format that this program reads.
+const FORMAT: i64 = 1;
+/// The longest name: it is part of a path, with room for a folder's number in front of it.
+const MAX_NAME: usize = 64;
+/// The longest title, in characters.
+const MAX_TITLE: usize = 200;
+
+/// A plan as written.
+#[derive(Debug, Clone)]
+pub(super) struct RawPlan {
+    pub name: Option<String>,
+    pub title: Option<String>,
+    pub ct: Option<RawCt>,
+    /// Where faults of the CT are shown: the path or the name that was given, else what should have
+    /// given it.
+    pub ct_place: Span,
+    pub landmarks: RawLandmarks,
+    pub cage_depth: Option<RawLength>,
+    pub f1_root: Option<Located<[f64; 3]>>,
+    pub segment: Segment,
+    pub morph: Morph,
+    pub candidates: Vec<RawCandidate>,
+    pub outputs: Outputs,
+}
+
+/// Where the voxels come from, paths as written.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum RawCt {
+    File {
+        path: PathBuf,
+        sha256: Option<String>,
+    },
+    Phantom(Phantom),
+}
+
+/// What the numbers of a landmark mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Frame {
+    /// LPS-ordered, 0-based continuous voxel index.
+    Voxel,
+    /// Patient mm, DICOM and ITK.
+    Lps,
+    /// Patient mm, NIfTI.
+    Ras,
+}
+
+impl Frame {
+    /// The words that plans use.
+    pub const WORDS: [(&'static str, Self); 3] = [
+        ("voxel", Self::Voxel),
+        ("lps", Self::Lps),
+        ("ras", Self::Ras),
+    ];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Voxel => "voxel",
+            Self::Lps => "lps",
+            Self::Ras => "ras",
+        }
+    }
+}
+
+/// The landmarks in the frame in which they are written.
+#[derive(Debug, Clone)]
+pub(super) struct RawLandmarks {
+    pub frame: Option<Frame>,
+    pub points: Landmarks<Option<Located<[f64; 3]>>>,
+}
+
+/// A point, as messages ask for it.
+const POINT: &str = "three numbers in the landmarks' frame, [x, y, z]";
+
+impl RawPlan {
+    /// Decodes a document. None where it is of a version whose keys may mean something else.
+    pub fn decode(document: &DeTable<'_>, faults: &mut Faults) -> Option<Self> {
+        let known = [
+            "plan",
+            "name",
+            "title",
+            "ct",
+            "landmarks",
+            "cage",
+            "f1",
+            "segment",
+            "morph",
+            "candidate",
+            "outputs",
+        ];
+        // A missing key has no place; the first key of the file stands for the file.
+        let first = document
+            .keys()
+            .map(|key| key.span())
+            .min_by_key(|span| span.start);
+        let span = first.map_or(Span::default(), Span::from);
+        if document
+            .get("plan")
+            .is_some_and(|version| !is_supported(version, faults))
+        {
+            return None;
+        }
+        let table = faults.entries(document, span, "the plan", &known);
+        if table.get("plan").is_none() {
+            let expected = format!("`plan = {FORMAT}`, the version of the format");
+            faults.missing(&table, "plan", &expected);
+        }
+        let name = name(&table, "`name`", faults).map(|name| name.value);
+        let title = title(&table, "`title`", faults);
+        let (ct, ct_place) = ct(&table, faults);
+        Some(Self {
+            name,
+            title,
+            ct,
+            ct_place,
+            landmarks: landmarks(&table, faults),
+            cage_depth: settings::cage_depth(&table, faults),
+            f1_root: f1_root(&table, faults),
+            segment: settings::segment(&table, faults),
+            morph: settings::morph(&table, faults),
+            outputs: settings::outputs(&table, faults),
+            candidates: candidates::candidates(&table, faults),
+        })
+    }
+}
+
+fn is_supported(version: &Value<'_>, faults: &mut Faults) -> bool {
+    let expected = format!("`plan = {FORMAT}`, the version of the format");
+    let Some(integer) = version.get_ref().as_integer() else {
+        faults.wrong_type(version, "`plan`", &expected, None);
+        return true;
+    };
+    if small_integer(integer.as_str(), integer.radix()) == Some(FORMAT) {
+        return true;
+    }
+    let fault = Fault::new(
+        Code::BadValue,
+        version.span().into(),
+        "this version of rhinoplan does not read plans of this format version",
+    );
+    let hint = "nothing else of this plan was checked".to_owned();
+    faults.push(fault.found(describe(version)).expected(expected).hint(hint));
+    false
+}
+
+/// A name that becomes a folder: required.
+fn name(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<Located<String>> {
+    let expected = format!(
+        "at most {MAX_NAME} lower-case letters, digits and hyphens, not beginning with a hyphen"
+    );
+    let Some(value) = table.get("name") else {
+        faults.missing(table, "name", &expected);
+        return None;
+    };
+    let written = faults.string(value, what, &expected)?;
+    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    let valid = !written.is_empty()
+        && written.len() <= MAX_NAME
+        && !written.starts_with('-')
+        && written.chars().all(allowed);
+    if !valid {
+        let fault = Fault::new(
+            Code::BadValue,
+            value.span().into(),
+            format!("{what} cannot name a folder"),
+        );
+        let hint = slug(written).map(|slug| format!("for example \"{slug}\""));
+        faults.push(fault.found(describe(value)).expected(expected).hint(hint));
+        return None;
+    }
+    Some(Located {
+        value: written.to_owned(),
+        span: value.span().into(),
+    })
+}
+
+/// The nearest name that is allowed.
+fn slug(written: &str) -> Option<String> {
+    let mut slug = String::new();
+    for character in written.chars().take(MAX_NAME) {
+        let character = character.to_ascii_lowercase();
+        if character.is_ascii_alphanumeric() {
+            slug.push(character);
+        } else if !slug.is_empty() && !slug.ends_with('-') {
+            slug.push('-');
+        }
+    }
+    let slug = slug.trim_end_matches('-');
+    (!slug.is_empty()).then(|| slug.to_owned())
+}
+
+/// Free text: optional.
+fn title(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<String> {
+    let value = table.get("title")?;
+    let expected = format!("one line of text, at most {MAX_TITLE} characters");
+    let written = faults.string(value, what, &expected)?;
+    let length = written.chars().count();
+    if length > MAX_TITLE {
+        let problem = format!("is {length} characters long");
+        faults.bad_value(value, what, &problem, &expected);
+        return None;
+    }
+    if written.chars().any(char::is_control) {
+        let problem = "holds a line break or another control character";
+        faults.bad_value(value, what, problem, &expected);
+        return None;
+    }
+    Some(written.to_owned())
+}
+
+fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
+    let expected = "[ct] with `path`, a volume file, or `phantom = \"lee2001\"`";
+    let Some(value) = plan.get("ct") else {
+        faults.missing(plan, "ct", expected);
+        return (None, plan.span);
+    };
+    let Some(table) = faults.table(value, "[ct]", &["path", "phantom", "sha256"]) else {
+        return (None, value.span().into());
+    };
+    let sha256 = table.get("sha256").and_then(|value| sha256(value, faults));
+    match (table.get("path"), table.get("phantom")) {
+        (None, None) => {
+            faults.missing(&table, "path", expected);
+            (None, table.span)
+        }
+        (Some(_), Some(phantom)) => {
+            let place = table.key_place("phantom");
+            let message = "[ct] gives both `path` and `phantom`";
+            let fault = Fault::new(Code::Conflict, place, message);
+            faults.push(fault.found("a second source").expected("one of them"));
+            (None, phantom.span().into())
+        }
+        (Some(path), None) => {
+            let path_given = path_of(path, faults).map(|path| RawCt::File { path, sha256 });
+            (path_given, path.span().into())
+        }
+        (None, Some(phantom)) => {
+            if table.get("sha256").is_some() {
+                let place = table.key_place("sha256");
+                let message = "`ct.sha256` pins a file's content; the phantom is built in";
+                let hint = "remove this key".to_owned();
+                let fault = Fault::new(Code::Conflict, place, message);
+                let fault = fault.found("`sha256` with `phantom`");
+                faults.push(fault.expected("no `sha256`").hint(hint));
+            }
+            let words = [(Phantom::Lee2001.name(), Phantom::Lee2001)];
+            let word = faults.word(phantom, "`ct.phantom`", &words);
+            (word.map(RawCt::Phantom), phantom.span().into())
+        }
+    }
+}
+
+fn path_of(value: &Value<'_>, faults: &mut Faults) -> Option<PathBuf> {
+    let expected = "the path of a volume file, relative to the plan file";
+    let path = faults.string(value, "`ct.path`", expected)?;
+    if path.is_empty() || path.contains('\0') {
+        faults.bad_value(value, "`ct.path`", "is not a path", expected);
+        return None;
+    }
+    Some(PathBuf::from(path))
+}
+
+fn sha256(value: &Value<'_>, faults: &mut Faults) -> Option<String> {
+    let expected = "64 hexadecimal digits, the SHA-256 of the file's content";
+    let digits = faults.string(value, "`ct.sha256`", expected)?;
+    if digits.len() != 64 || !digits.chars().all(|digit| digit.is_ascii_hexdigit()) {
+        let problem = match digits.chars().count() {
+            64 => "holds something else than hexadecimal digits".to_owned(),
+            n => format!("is {n} characters long"),
+        };
+        faults.bad_value(value, "`ct.sha256`", &problem, expected);
+        return None;
+    }
+    Some(digits.to_ascii_lowercase())
+}
+
+fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
+    let none = || RawLandmarks {
+        frame: None,
+        points: Landmarks {
+            nasal_bones: None,
+            lip: None,
+            alare_right: None,
+            alare_left: None,
+            tip: None,
+            maxilla: None,
+        },
+    };
+    let names = Landmark::ALL.map(Landmark::name);
+    let Some(value) = plan.get("landmarks") else {
+        let expected = format!("[landmarks] with `frame` and {}", listed(&names));
+        faults.missing(plan, "landmarks", &expected);
+        return none();
+    };
+    let known: Vec<&str> = ["frame"].into_iter().chain(names).chain(["file"]).collect();
+    let Some(table) = faults.table(value, "[landmarks]", &known) else {
+        return none();
+    };
+    if table.get("file").is_some() {
+        let message = "`landmarks.file` is not available in this version of rhinoplan";
+        let fault = Fault::new(Code::NotAvailable, table.key_place("file"), message);
+        let fault = fault.found("`file`");
+        let expected = format!("`frame` and {}", listed(&names));
+        let hint = "copy the points from the file, and its coordinateSystem as `frame`".to_owned();
+        faults.push(fault.expected(expected).hint(hint));
+    }
+    let frame = match table.get("frame") {
+        Some(frame) => faults.word(frame, "`landmarks.frame`", &Frame::WORDS),
+        None => {
+            if table.get("file").is_none() {
+                let expected = "\"voxel\" (LPS order, from 0), \"lps\" or \"ras\" (mm)";
+                faults.missing(&table, "frame", expected);
+            }
+            None
+        }
+    };
+    let mut points = none().points;
+    for landmark in Landmark::ALL {
+        if let Some(value) = table.get(landmark.name()) {
+            let what = format!("`landmarks.{landmark}`");
+            *points.get_mut(landmark) = faults.triple(value, &what, POINT);
+        }
+    }
+    let absent = |name: &&str| table.get(name).is_none();
+    let missing: Vec<&str> = names.into_iter().filter(absent).collect();
+    if !missing.is_empty() && table.get("file").is_none() {
+        let message = format!("[landmarks] does not give {}", listed(&missing));
+        let fault = Fault::new(Code::MissingKey, table.span, message);
+        faults.push(fault.expected(format!("for each, {POINT}")));
+    }
+    RawLandmarks { frame, points }
+}
+
+/// "`a`, `b` and `c`".
+fn listed(names: &[&str]) -> String {
+    let marked: Vec<String> = names.iter().map(|name| quote(name, '`')).collect();
+    match marked.split_last() {
+        Some((last, [])) => last.clone(),
+        Some((last, rest)) => format!("{} and {last}", rest.join(", ")),
+        None => String::new(),
+    }
+}
+
+fn f1_root(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Located<[f64; 3]>> {
+    let table = faults.table(plan.get("f1")?, "[f1]", &["root"])?;
+    faults.triple(table.get("root")?, "`f1.root`", POINT)
+}

@@ -1,0 +1,266 @@
+//! `[cage]`, `[segment]`, `[morph]` and `[outputs]`.
+
+use super::super::decode::{Faults, Table, Value, describe, one_of};
+use super::super::diagnostic::{Code, Fault};
+use super::super::resolved::{
+    DEFAULT_BONE_HU, DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, Method, Model, Morph,
+    Outputs, Scale, Segment, Tolerance,
+};
+
+/// A length in the unit in which it is written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in super::super) enum RawLength {
+    Mm(f64),
+    Voxels(f64),
+}
+
+/// The largest length, in either unit: heads are smaller.
+const MAX_LENGTH: f64 = 1000.0;
+/// The largest threshold on either side of 0, HU: what 16-bit files can hold.
+const MAX_HU: f64 = 32_768.0;
+
+/// A positive length, `{ mm = … }` or, where `units` has it, `{ voxels = … }`.
+fn length(
+    value: &Value<'_>,
+    what: &'static str,
+    units: &[&'static str],
+    faults: &mut Faults,
+) -> Option<RawLength> {
+    let forms: Vec<String> = units
+        .iter()
+        .map(|unit| format!("{{ {unit} = … }}"))
+        .collect();
+    let forms = forms.join(" or ");
+    let number = describe(value);
+    let bare = value.get_ref().is_float() || value.get_ref().is_integer();
+    let hint = bare.then(|| format!("say the unit: {}", forms.replace('…', &number)));
+    let (unit, number) = faults.choice(value, what, units, &forms, hint)?;
+    let expected = format!("a number above 0, at most {MAX_LENGTH}");
+    let valid = |number: f64| number > 0.0 && number <= MAX_LENGTH;
+    let number = faults.number_where(number, what, &expected, valid)?;
+    Some(match unit {
+        "voxels" => RawLength::Voxels(number),
+        _ => RawLength::Mm(number),
+    })
+}
+
+pub(super) fn cage_depth(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<RawLength> {
+    let table = faults.table(plan.get("cage")?, "[cage]", &["depth"])?;
+    length(
+        table.get("depth")?,
+        "`cage.depth`",
+        &["mm", "voxels"],
+        faults,
+    )
+}
+
+pub(super) fn segment(plan: &Table<'_, '_>, faults: &mut Faults) -> Segment {
+    let defaults = Segment {
+        skin_hu: DEFAULT_SKIN_HU,
+        bone_hu: DEFAULT_BONE_HU,
+    };
+    let Some(value) = plan.get("segment") else {
+        return defaults;
+    };
+    let Some(table) = faults.table(value, "[segment]", &["skin_hu", "bone_hu"]) else {
+        return defaults;
+    };
+    let mut threshold = |key: &str, default: f64| {
+        let Some(value) = table.get(key) else {
+            return Some(default);
+        };
+        let expected = format!("a number of HU from {} to {MAX_HU}", -MAX_HU);
+        let valid = |hu: f64| hu.abs() <= MAX_HU;
+        faults.number_where(value, &format!("`segment.{key}`"), &expected, valid)
+    };
+    let skin = threshold("skin_hu", DEFAULT_SKIN_HU);
+    let bone = threshold("bone_hu", DEFAULT_BONE_HU);
+    let (Some(skin_hu), Some(bone_hu)) = (skin, bone) else {
+        return defaults;
+    };
+    if bone_hu <= skin_hu {
+        let key = match table.get("bone_hu") {
+            Some(_) => "bone_hu",
+            None => "skin_hu",
+        };
+        let fault = Fault::new(
+            Code::BadValue,
+            table.place(key),
+            "the bone threshold is not above the skin threshold",
+        );
+        let found = format!("skin_hu = {skin_hu}, bone_hu = {bone_hu}");
+        let expected = "`bone_hu` above `skin_hu`";
+        faults.push(fault.found(found).expected(expected));
+    }
+    Segment { skin_hu, bone_hu }
+}
+
+/// The words of `morph.model`, before the margin is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ModelWord {
+    Local,
+    Lee2001,
+}
+
+/// The words of `morph.method`, before the tolerance is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum MethodWord {
+    Adaptive,
+    Exact,
+}
+
+pub(super) fn morph(plan: &Table<'_, '_>, faults: &mut Faults) -> Morph {
+    let defaults = Morph {
+        model: Model::Local {
+            margin_mm: DEFAULT_MARGIN_MM,
+        },
+        scale: Scale::Full,
+        method: Method::Adaptive {
+            tolerance: DEFAULT_TOLERANCE,
+        },
+        compare_exact: false,
+    };
+    let known = [
+        "model",
+        "scale",
+        "method",
+        "tolerance",
+        "margin",
+        "compare_exact",
+    ];
+    let table = plan.get("morph");
+    let Some(table) = table.and_then(|value| faults.table(value, "[morph]", &known)) else {
+        return defaults;
+    };
+    let scales = [("full", Scale::Full), ("half", Scale::Half)];
+    let scale = table.get("scale");
+    let scale = scale.and_then(|value| faults.word(value, "`morph.scale`", &scales));
+    let compare = table.get("compare_exact");
+    let compare = compare.and_then(|value| faults.boolean(value, "`morph.compare_exact`"));
+    Morph {
+        model: model(&table, faults).unwrap_or(defaults.model),
+        scale: scale.unwrap_or(defaults.scale),
+        method: method(&table, faults).unwrap_or(defaults.method),
+        compare_exact: compare.unwrap_or(defaults.compare_exact),
+    }
+}
+
+fn model(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Model> {
+    let words = [
+        ("local", ModelWord::Local),
+        (Model::Lee2001.name(), ModelWord::Lee2001),
+    ];
+    let word = match table.get("model") {
+        Some(value) => faults.word(value, "`morph.model`", &words),
+        None => Some(ModelWord::Local),
+    };
+    let margin_mm = match table.get("margin") {
+        Some(value) => match length(value, "`morph.margin`", &["mm"], faults) {
+            Some(RawLength::Mm(mm) | RawLength::Voxels(mm)) => mm,
+            None => DEFAULT_MARGIN_MM,
+        },
+        None => DEFAULT_MARGIN_MM,
+    };
+    if word == Some(ModelWord::Lee2001) && table.get("margin").is_some() {
+        let message = "`morph.margin` belongs to model \"local\"; \"lee2001\" is global";
+        let fault = Fault::new(Code::Conflict, table.key_place("margin"), message);
+        let fault = fault.found("`margin` with `model = \"lee2001\"`");
+        let hint = "remove `margin`, or write `model = \"local\"`".to_owned();
+        faults.push(fault.expected("no `margin`").hint(hint));
+    }
+    Some(match word? {
+        ModelWord::Local => Model::Local { margin_mm },
+        ModelWord::Lee2001 => Model::Lee2001,
+    })
+}
+
+fn method(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Method> {
+    let words = [
+        ("adaptive", MethodWord::Adaptive),
+        (Method::Exact.name(), MethodWord::Exact),
+    ];
+    let word = match table.get("method") {
+        Some(value) => faults.word(value, "`morph.method`", &words),
+        None => Some(MethodWord::Adaptive),
+    };
+    let tolerance = match table.get("tolerance") {
+        Some(value) => match length(value, "`morph.tolerance`", &["mm", "voxels"], faults) {
+            Some(RawLength::Mm(mm)) => Tolerance::Mm(mm),
+            Some(RawLength::Voxels(voxels)) => Tolerance::Voxels(voxels),
+            None => DEFAULT_TOLERANCE,
+        },
+        None => DEFAULT_TOLERANCE,
+    };
+    if word == Some(MethodWord::Exact) {
+        for (key, why) in [
+            ("tolerance", "\"exact\" approximates nothing"),
+            ("compare_exact", "\"exact\" is what it compares with"),
+        ] {
+            if table.get(key).is_some() {
+                let message = format!("`morph.{key}` belongs to method \"adaptive\"; {why}");
+                let fault = Fault::new(Code::Conflict, table.key_place(key), message);
+                let fault = fault.found(format!("`{key}` with `method = \"exact\"`"));
+                let hint = format!("remove `{key}`, or write `method = \"adaptive\"`");
+                faults.push(fault.expected(format!("no `{key}`")).hint(hint));
+            }
+        }
+    }
+    Some(match word? {
+        MethodWord::Adaptive => Method::Adaptive { tolerance },
+        MethodWord::Exact => Method::Exact,
+    })
+}
+
+/// The outputs that this version writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Output {
+    Volume,
+    Displacement,
+}
+
+const OUTPUTS: [(&str, Output); 2] = [
+    ("volume", Output::Volume),
+    ("displacement", Output::Displacement),
+];
+
+/// The outputs of the format that this version does not write.
+const NOT_AVAILABLE: [&str; 4] = ["mesh", "views", "slices", "charts"];
+
+pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Outputs {
+    let mut outputs = Outputs::default();
+    let available = one_of(&OUTPUTS.map(|(word, _)| word), '"');
+    let table = plan.get("outputs");
+    let table = table.and_then(|value| faults.table(value, "[outputs]", &["write"]));
+    let Some(value) = table.and_then(|table| table.get("write")) else {
+        return outputs;
+    };
+    let what = "`outputs.write`";
+    let expected = format!("an array of {available}; without [outputs], only tables are written");
+    let Some(items) = faults.array(value, what, &expected) else {
+        return outputs;
+    };
+    for item in items {
+        let written = item.get_ref().as_str();
+        if let Some(word) = written.filter(|word| NOT_AVAILABLE.contains(word)) {
+            let message =
+                format!("output \"{word}\" is not available in this version of rhinoplan");
+            let fault = Fault::new(Code::NotAvailable, item.span().into(), message);
+            faults.push(fault.found(describe(item)).expected(available.as_str()));
+            continue;
+        }
+        let Some(output) = faults.word(item, what, &OUTPUTS) else {
+            continue;
+        };
+        let asked = match output {
+            Output::Volume => &mut outputs.volume,
+            Output::Displacement => &mut outputs.displacement,
+        };
+        if *asked {
+            let message = format!("{what} names {} twice", describe(item));
+            let fault = Fault::new(Code::DuplicateName, item.span().into(), message);
+            faults.push(fault.found(describe(item)).expected("each output once"));
+        }
+        *asked = true;
+    }
+    outputs
+}
