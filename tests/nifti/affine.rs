@@ -118,11 +118,11 @@ fn oblique_scans_keep_their_affine() {
         }
         let spacing = [0.5, 0.75, 1.25];
         let mut rows = [[0.0_f32; 4]; 3];
-        for world in 0..3 {
-            for stored in 0..3 {
-                rows[world][stored] = (turn.col(stored)[world] * spacing[stored]) as f32;
+        for (world, row) in rows.iter_mut().enumerate() {
+            for (stored, spacing) in spacing.into_iter().enumerate() {
+                row[stored] = (turn.col(stored)[world] * spacing) as f32;
             }
-            rows[world][3] = (50.0 * noise.unit()) as f32;
+            row[3] = (50.0 * noise.unit()) as f32;
         }
         let file = numbered([5, 4, 3], rows);
         let scan = folder.read(&file.bytes()).unwrap();
@@ -151,11 +151,11 @@ fn a_qform_says_the_same_as_the_sform_of_the_same_rotation() {
         let imaginary = axis * libm::sin(half);
         let turn = DMat3::from_axis_angle(axis, 2.0 * half);
         let mut rows = [[0.0; 4]; 3];
-        for world in 0..3 {
+        for (world, row) in rows.iter_mut().enumerate() {
             for (stored, scale) in [1.0, 1.5, 2.0 * third].into_iter().enumerate() {
-                rows[world][stored] = turn.col(stored)[world] * scale;
+                row[stored] = turn.col(stored)[world] * scale;
             }
-            rows[world][3] = [-10.0, -20.0, 30.0][world];
+            row[3] = [-10.0, -20.0, 30.0][world];
         }
         let mut file = numbered([5, 4, 3], [[f32::NAN; 4]; 3]);
         file.i16s(252, &[2, 0]).f32s(76, &[factor]);

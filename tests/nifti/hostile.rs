@@ -7,236 +7,200 @@ use rhinoplan::io::nifti::{NiftiError, NiftiProblem, read, read_header};
 use crate::builder::{Folder, Nifti, Noise, gzip};
 
 /// A change to a sound file, and words that the message must hold.
-type Case = (&'static str, fn(&mut Nifti), &'static [&'static str]);
+type Case = (
+    &'static str,
+    for<'a> fn(&'a mut Nifti) -> &'a mut Nifti,
+    &'static [&'static str],
+);
 
 const HEADERS: &[Case] = &[
-    (
-        "size 0",
-        |f| drop(f.i32(0, 0)),
-        &["sizeof_hdr", "is 0", "348"],
-    ),
-    ("nifti-2", |f| drop(f.i32(0, 540)), &["NIfTI-2", "convert"]),
+    ("size 0", |f| f.i32(0, 0), &["sizeof_hdr", "is 0", "348"]),
+    ("nifti-2", |f| f.i32(0, 540), &["NIfTI-2", "convert"]),
     (
         "nifti-2, swapped",
-        |f| drop(f.i32(0, 540_i32.swap_bytes())),
+        |f| f.i32(0, 540_i32.swap_bytes()),
         &["NIfTI-2"],
     ),
     (
         "pair",
-        |f| drop(f.text(344, "ni1")),
+        |f| f.text(344, "ni1"),
         &[".hdr/.img", "single .nii"],
     ),
     (
         "analyze",
-        |f| f.header[344..].fill(0),
+        |f| f.raw(344, &[0; 4]),
         &["Analyze 7.5", "left from right"],
     ),
-    (
-        "magic",
-        |f| drop(f.text(344, "n+7")),
-        &["magic", "n+7", "n+1"],
-    ),
-    ("no axes", |f| drop(f.i16s(40, &[0])), &["dim[0]", "is 0"]),
-    (
-        "eight axes",
-        |f| drop(f.i16s(40, &[8])),
-        &["dim[0]", "is 8"],
-    ),
-    (
-        "negative axes",
-        |f| drop(f.i16s(40, &[-3])),
-        &["dim[0]", "is -3"],
-    ),
+    ("magic", |f| f.text(344, "n+7"), &["magic", "n+7", "n+1"]),
+    ("no axes", |f| f.i16s(40, &[0]), &["dim[0]", "is 0"]),
+    ("eight axes", |f| f.i16s(40, &[8]), &["dim[0]", "is 8"]),
+    ("negative axes", |f| f.i16s(40, &[-3]), &["dim[0]", "is -3"]),
     (
         "one slice",
-        |f| drop(f.i16s(40, &[2])),
+        |f| f.i16s(40, &[2]),
         &["dim[0]", "is 2", "stack"],
     ),
     (
         "negative length",
-        |f| drop(f.i16s(44, &[-4])),
+        |f| f.i16s(44, &[-4]),
         &["dim[2]", "is -4"],
     ),
-    ("length 0", |f| drop(f.i16s(46, &[0])), &["dim[3]", "is 0"]),
+    ("length 0", |f| f.i16s(46, &[0]), &["dim[3]", "is 0"]),
     (
         "time",
-        |f| drop(f.i16s(40, &[4, 5, 2, 2, 3])),
+        |f| f.i16s(40, &[4, 5, 2, 2, 3]),
         &["dim[4]", "is 3", "several volumes"],
     ),
     (
         "negative time",
-        |f| drop(f.i16s(40, &[4, 5, 4, 3, -1])),
+        |f| f.i16s(40, &[4, 5, 4, 3, -1]),
         &["dim[4]", "is -1"],
     ),
     (
         "vectors",
-        |f| drop(f.i16s(40, &[5, 5, 2, 2, 1, 3]).i16s(68, &[1007])),
+        |f| f.i16s(40, &[5, 5, 2, 2, 1, 3]).i16s(68, &[1007]),
         &["dim[5]", "vector field"],
     ),
     (
         "rgb",
-        |f| drop(f.i16s(70, &[128, 24])),
+        |f| f.i16s(70, &[128, 24]),
         &["datatype", "RGB24", "convert"],
     ),
-    (
-        "rgba",
-        |f| drop(f.i16s(70, &[2304, 32])),
-        &["datatype", "RGBA32"],
-    ),
+    ("rgba", |f| f.i16s(70, &[2304, 32]), &["datatype", "RGBA32"]),
     (
         "complex64",
-        |f| drop(f.i16s(70, &[32, 64])),
+        |f| f.i16s(70, &[32, 64]),
         &["datatype", "complex64"],
     ),
     (
         "complex128",
-        |f| drop(f.i16s(70, &[1792, 128])),
+        |f| f.i16s(70, &[1792, 128]),
         &["datatype", "complex128"],
     ),
     (
         "float128",
-        |f| drop(f.i16s(70, &[1536, 128])),
+        |f| f.i16s(70, &[1536, 128]),
         &["datatype", "float128"],
     ),
-    (
-        "binary",
-        |f| drop(f.i16s(70, &[1, 1])),
-        &["datatype", "one bit"],
-    ),
+    ("binary", |f| f.i16s(70, &[1, 1]), &["datatype", "one bit"]),
     (
         "unknown type",
-        |f| drop(f.i16s(70, &[77, 16])),
+        |f| f.i16s(70, &[77, 16]),
         &["datatype", "77"],
     ),
     (
         "bitpix 0",
-        |f| drop(f.i16s(72, &[0])),
+        |f| f.i16s(72, &[0]),
         &["bitpix", "is 0", "expected 16"],
     ),
-    ("bitpix 8", |f| drop(f.i16s(72, &[8])), &["bitpix", "is 8"]),
-    (
-        "bitpix 12",
-        |f| drop(f.i16s(72, &[12])),
-        &["bitpix", "is 12"],
-    ),
-    (
-        "bitpix -16",
-        |f| drop(f.i16s(72, &[-16])),
-        &["bitpix", "is -16"],
-    ),
+    ("bitpix 8", |f| f.i16s(72, &[8]), &["bitpix", "is 8"]),
+    ("bitpix 12", |f| f.i16s(72, &[12]), &["bitpix", "is 12"]),
+    ("bitpix -16", |f| f.i16s(72, &[-16]), &["bitpix", "is -16"]),
     (
         "bitpix of f64",
-        |f| drop(f.i16s(70, &[64, 16])),
+        |f| f.i16s(70, &[64, 16]),
         &["bitpix", "is 16", "expected 64"],
     ),
     (
         "offset 0",
-        |f| drop(f.f32s(108, &[0.0])),
+        |f| f.f32s(108, &[0.0]),
         &["vox_offset", "is 0", "352"],
     ),
     (
         "offset 348",
-        |f| drop(f.f32s(108, &[348.0])),
+        |f| f.f32s(108, &[348.0]),
         &["vox_offset", "is 348"],
     ),
     (
         "offset NaN",
-        |f| drop(f.f32s(108, &[f32::NAN])),
+        |f| f.f32s(108, &[f32::NAN]),
         &["vox_offset", "NaN"],
     ),
     (
         "offset -inf",
-        |f| drop(f.f32s(108, &[f32::NEG_INFINITY])),
+        |f| f.f32s(108, &[f32::NEG_INFINITY]),
         &["vox_offset", "-inf"],
     ),
     (
         "offset 352.5",
-        |f| drop(f.f32s(108, &[352.5])),
+        |f| f.f32s(108, &[352.5]),
         &["vox_offset", "352.5", "whole"],
     ),
-    (
-        "offset huge",
-        |f| drop(f.f32s(108, &[1e30])),
-        &["vox_offset"],
-    ),
+    ("offset huge", |f| f.f32s(108, &[1e30]), &["vox_offset"]),
     (
         "offset beyond",
-        |f| drop(f.f32s(108, &[368.0])),
+        |f| f.f32s(108, &[368.0]),
         &["cut short", "16 are missing"],
     ),
     (
         "intercept NaN",
-        |f| drop(f.f32s(112, &[2.0, f32::NAN])),
+        |f| f.f32s(112, &[2.0, f32::NAN]),
         &["scl_inter", "NaN", "scl_slope"],
     ),
     (
         "intercept inf",
-        |f| drop(f.f32s(112, &[2.0, f32::INFINITY])),
+        |f| f.f32s(112, &[2.0, f32::INFINITY]),
         &["scl_inter", "inf"],
     ),
     (
         "sform NaN",
-        |f| drop(f.f32s(284, &[f32::NAN])),
+        |f| f.f32s(284, &[f32::NAN]),
         &["srow_x", "NaN", "finite"],
     ),
     (
         "sform inf",
-        |f| drop(f.f32s(324, &[f32::INFINITY])),
+        |f| f.f32s(324, &[f32::INFINITY]),
         &["srow_z", "inf"],
     ),
     (
         "sform zero",
-        |f| drop(f.sform([[0.0; 4]; 3])),
+        |f| f.sform([[0.0; 4]; 3]),
         &["sform", "spacing"],
     ),
     (
         "sform flat",
-        |f| drop(f.f32s(316, &[0.0, 0.0, 0.0])),
+        |f| f.f32s(316, &[0.0, 0.0, 0.0]),
         &["sform", "spacing"],
     ),
     (
         "qform NaN",
-        |f| drop(f.i16s(254, &[0]).f32s(260, &[f32::NAN])),
+        |f| f.i16s(254, &[0]).f32s(260, &[f32::NAN]),
         &["quatern", "NaN"],
     ),
     (
         "qform offset",
-        |f| drop(f.i16s(254, &[0]).f32s(272, &[f32::INFINITY])),
+        |f| f.i16s(254, &[0]).f32s(272, &[f32::INFINITY]),
         &["qoffset", "inf"],
     ),
     (
         "qform long",
-        |f| drop(f.i16s(254, &[0]).f32s(256, &[0.8, 0.8, 0.0])),
+        |f| f.i16s(254, &[0]).f32s(256, &[0.8, 0.8, 0.0]),
         &["quatern", "1.131371"],
     ),
     (
         "qfac NaN",
-        |f| drop(f.i16s(254, &[0]).f32s(76, &[f32::NAN])),
+        |f| f.i16s(254, &[0]).f32s(76, &[f32::NAN]),
         &["pixdim[0]", "NaN"],
     ),
     (
         "negative pixdim",
-        |f| drop(f.i16s(254, &[0]).f32s(84, &[-1.5])),
+        |f| f.i16s(254, &[0]).f32s(84, &[-1.5]),
         &["pixdim[2]", "-1.5"],
     ),
     (
         "pixdim 0",
-        |f| drop(f.i16s(252, &[0, 0]).f32s(88, &[0.0])),
+        |f| f.i16s(252, &[0, 0]).f32s(88, &[0.0]),
         &["pixdim[3]", "is 0"],
     ),
     (
         "pixdim inf",
-        |f| drop(f.i16s(252, &[0, 0]).f32s(80, &[f32::INFINITY])),
+        |f| f.i16s(252, &[0, 0]).f32s(80, &[f32::INFINITY]),
         &["pixdim[1]", "inf"],
     ),
-    (
-        "units",
-        |f| f.header[123] = 5,
-        &["xyzt_units", "is 5", "mm"],
-    ),
+    ("units", |f| f.raw(123, &[5]), &["xyzt_units", "is 5", "mm"]),
     (
         "70 TB",
-        |f| drop(f.i16s(40, &[3, 32767, 32767, 32767]).i16s(70, &[4, 16])),
+        |f| f.i16s(40, &[3, 32767, 32767, 32767]).i16s(70, &[4, 16]),
         &["cut short", "are missing"],
     ),
 ];
@@ -278,8 +242,6 @@ fn every_bad_header_is_refused_with_field_value_and_remedy() {
             let header = message(&read_header(&path).expect_err(name), &path);
             assert_eq!(header, whole, "{name}");
         }
-        let mut big = Nifti::small();
-        big.big = true;
     }
 }
 
@@ -382,14 +344,18 @@ fn damaged_gzip_is_never_read_as_something_else() {
         damaged[bit / 8] ^= 1 << (bit % 8);
         match folder.read(&damaged) {
             Err(_) => refused += 1,
-            // Time, system and the like in the gzip header carry nothing.
-            Ok(scan) => {
-                assert!(bit / 8 < 10, "bit {bit} went unnoticed");
-                assert!(scan.volume == expected);
-            }
+            // Some bits carry nothing: the time in gzip's header, or which of two zeros is repeated.
+            Ok(scan) => assert!(
+                scan.volume == expected,
+                "bit {bit} changed the volume unnoticed"
+            ),
         }
     }
-    assert!(refused > (packed.len() - 10) * 8);
+    assert!(
+        refused > packed.len() * 7,
+        "only {refused} of {} bits matter",
+        packed.len() * 8
+    );
     let trailer = packed.len() - 8;
     for at in [trailer, trailer + 4] {
         let mut damaged = packed.clone();
@@ -473,7 +439,6 @@ fn other_formats_and_no_files_are_named() {
     );
 }
 
-/// Two gigabytes of zeros in two megabytes: inflated to the header's size and no further.
 #[test]
 fn a_bomb_is_refused_before_memory_is_asked_for() {
     let folder = Folder::new();
@@ -486,7 +451,7 @@ fn a_bomb_is_refused_before_memory_is_asked_for() {
             matches!(error.problem, NiftiProblem::Implausible { .. }),
             "{error}"
         );
-        assert!(error.to_string().contains("70364"), "{error}");
+        assert!(error.to_string().contains("70362301923678"), "{error}");
     }
     let zeros = gzip(&[Nifti::small().bytes(), vec![0; 64 << 20]].concat());
     assert!(zeros.len() < 100_000);
