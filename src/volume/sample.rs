@@ -23,6 +23,18 @@ pub enum SampleType {
     F64,
 }
 
+impl SampleType {
+    /// Bytes that a sample takes.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+}
+
 impl fmt::Display for SampleType {
     fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
         to.write_str(match self {
@@ -52,6 +64,9 @@ pub trait Sample: Copy + Default + PartialEq + Send + Sync + fmt::Debug + 'stati
     /// type's range, floats are kept.
     fn from_interpolated(value: f64) -> Self;
 
+    /// The value as stored, little endian.
+    fn le_bytes(self) -> impl AsRef<[u8]> + AsMut<[u8]>;
+
     /// Wraps a volume of this type.
     fn wrap(volume: Volume<Self>) -> AnyVolume;
 }
@@ -69,6 +84,11 @@ macro_rules! sample_type {
             #[inline]
             fn from_interpolated($value: f64) -> Self {
                 $from
+            }
+
+            #[inline]
+            fn le_bytes(self) -> impl AsRef<[u8]> + AsMut<[u8]> {
+                self.to_le_bytes()
             }
 
             fn wrap(volume: Volume<Self>) -> AnyVolume {

@@ -1,0 +1,5 @@
+//! Files in and out: NIfTI-1, parallel gzip, and outputs that appear whole or not at all.
+
+pub mod artifact;
+pub mod gzip;
+pub mod nifti;

@@ -1,0 +1,120 @@
+//! How a file's axes lie in LPS order.
+
+use std::fmt;
+
+use ndarray::{ArrayBase, Ix3, RawData};
+
+/// Where each stored axis (i fastest, then j, then k) points.
+///
+/// Shown as three letters, the direction towards which each stored axis grows: `RAS` grows to the right,
+/// anterior and superior (nibabel's `aff2axcodes`). LPS order is `LPS`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StoredAxes {
+    /// For each stored axis, the LPS axis (0 x, 1 y, 2 z) that it lies along.
+    pub(super) lps: [usize; 3],
+    /// For each stored axis, whether it grows against that LPS axis.
+    pub(super) flipped: [bool; 3],
+}
+
+impl StoredAxes {
+    /// Stored in LPS order: nothing to permute or flip.
+    pub const LPS: Self = Self {
+        lps: [0, 1, 2],
+        flipped: [false; 3],
+    };
+
+    /// Lengths by LPS axis, from lengths by stored axis.
+    pub(super) fn to_lps(self, stored: [usize; 3]) -> [usize; 3] {
+        let mut lengths = [0; 3];
+        for (axis, length) in self.lps.into_iter().zip(stored) {
+            lengths[axis] = length;
+        }
+        lengths
+    }
+
+    /// An array indexed `[z, y, x]` in LPS order, turned (not copied) into one indexed `[k, j, i]` as
+    /// the file is.
+    pub(super) fn stored_view<S: RawData>(self, lps: ArrayBase<S, Ix3>) -> ArrayBase<S, Ix3> {
+        let [i, j, k] = self.lps.map(|axis| 2 - axis);
+        let mut stored = lps.permuted_axes([k, j, i]);
+        for (axis, flipped) in self.flipped.into_iter().enumerate() {
+            if flipped {
+                stored.invert_axis(ndarray::Axis(2 - axis));
+            }
+        }
+        stored
+    }
+
+    /// The grid row that the stored row (j, k) holds; `stored` are the lengths by stored axis.
+    pub(super) fn row(self, stored: [usize; 3], j: usize, k: usize) -> GridRow {
+        let mut start = [0; 3];
+        for (axis, at) in [(1, j), (2, k)] {
+            start[self.lps[axis]] = if self.flipped[axis] {
+                stored[axis] - 1 - at
+            } else {
+                at
+            };
+        }
+        GridRow {
+            axis: self.lps[0],
+            start,
+        }
+    }
+}
+
+impl fmt::Display for StoredAxes {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (axis, flipped) in self.lps.into_iter().zip(self.flipped) {
+            let (along, against) = [("L", "R"), ("P", "A"), ("S", "I")][axis];
+            to.write_str(if flipped { against } else { along })?;
+        }
+        Ok(())
+    }
+}
+
+/// A line of voxels right across a grid: the voxel `start`, and all that follow it along `axis`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GridRow {
+    /// The axis it runs along: 0 x (left), 1 y (posterior), 2 z (superior).
+    pub axis: usize,
+    /// Its first voxel (x, y, z) in LPS order; zero along `axis`.
+    pub start: [usize; 3],
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array3;
+
+    use super::*;
+
+    #[test]
+    fn a_view_in_stored_order_and_its_rows_agree() {
+        // x, y, z of the voxel, as digits.
+        let lps = Array3::from_shape_fn((4, 3, 2), |(z, y, x)| x * 100 + y * 10 + z);
+        // Stored i runs to anterior, j to superior, k to the right.
+        let axes = StoredAxes {
+            lps: [1, 2, 0],
+            flipped: [true, false, true],
+        };
+        assert_eq!(axes.to_string(), "ASR");
+        let stored_lengths = [3, 4, 2];
+        assert_eq!(axes.to_lps(stored_lengths), [2, 3, 4]);
+        let stored = axes.stored_view(lps.view());
+        assert_eq!(stored.dim(), (2, 4, 3));
+        assert_eq!(
+            stored[[0, 0, 0]],
+            120,
+            "x and y at their ends, z at its start"
+        );
+        for k in 0..2 {
+            for j in 0..4 {
+                let row = axes.row(stored_lengths, j, k);
+                assert_eq!((row.axis, row.start[1]), (1, 0));
+                let [x, _, z] = row.start;
+                for i in 0..3 {
+                    assert_eq!(stored[[k, j, i]], x * 100 + (2 - i) * 10 + z);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! Volumes and displacement fields, written as their template is stored.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use ndarray::{ArrayView1, ArrayView3, Axis};
+use rayon::prelude::*;
+
+use super::axes::GridRow;
+use super::error::WriteError;
+use super::header::{ByteOrder, FIRST_OFFSET, HEADER_LEN, at};
+use super::template::{RawHeader, Template};
+use crate::io::artifact::Artifact;
+use crate::io::gzip::GzipWriter;
+use crate::space::{ContinuousIndex, Grid};
+use crate::volume::{Rescale, Sample, SampleType, Volume};
+
+/// Bytes of rows made together, in parallel, before they are written.
+const BATCH: usize = 4 << 20;
+
+/// `NIFTI_INTENT_VECTOR`: the voxels are vectors. ITK takes their components as they are, in LPS;
+/// it is intent 1006 (displacement) whose components it may convert.
+const INTENT_VECTOR: i16 = 1007;
+
+/// How far apart, in mm, two grids may hold the same voxel and count as the same. A header's `f32` keeps
+/// a position of 500 mm to 3e-5.
+const SAME_PLACE_MM: f64 = 1e-3;
+
+impl Template {
+    /// Writes a volume on this template's grid, uncompressed. The header is the template's own, but for
+    /// free text and extensions, which are left out, and `vox_offset`, which is 352. A volume that was
+    /// read and not changed gives the samples of its file, byte for byte.
+    ///
+    /// # Errors
+    /// [`WriteError::Mismatch`] where type, grid or scaling are not the template's;
+    /// [`WriteError::Io`] of `to`.
+    pub fn write_volume<T: Sample>(
+        &self,
+        mut to: impl Write,
+        volume: &Volume<T>,
+    ) -> Result<(), WriteError> {
+        self.check(T::TYPE, volume.grid(), volume.rescale())?;
+        write_header(&mut to, &self.header)?;
+        let stored = self.orientation().stored_view(volume.samples());
+        let [_, nj, _] = self.stored;
+        write_rows(
+            &mut to,
+            self.stored,
+            size_of::<T>(),
+            || (),
+            |(), row, bytes| {
+                encode(row_of(stored, row, nj), self.header.order, bytes);
+            },
+        )?;
+        to.flush()?;
+        Ok(())
+    }
+
+    /// Writes a displacement field on this template's grid, uncompressed, as ITK does: five axes
+    /// (x, y, z, 1, 3), `f32`, intent 1007, the components x, y, z in **LPS mm**, one after the other.
+    ///
+    /// `components` is called for each component (0 x, 1 y, 2 z) and each [`GridRow`], from several
+    /// threads at once, and fills the displacements of the row's voxels along that component. So no
+    /// more of the field than a few MiB need exist. A row runs along whichever axis the file stores
+    /// fastest.
+    ///
+    /// # Errors
+    /// Those of `to`.
+    pub fn write_displacement(
+        &self,
+        mut to: impl Write,
+        components: impl Fn(usize, GridRow, &mut [f32]) + Sync,
+    ) -> Result<(), WriteError> {
+        write_header(&mut to, &self.displacement_header())?;
+        let axes = self.orientation();
+        let [ni, nj, _] = self.stored;
+        let order = self.header.order;
+        for component in 0..3 {
+            let scratch = || vec![0.0_f32; ni];
+            write_rows(
+                &mut to,
+                self.stored,
+                size_of::<f32>(),
+                scratch,
+                |line, row, bytes| {
+                    line.fill(0.0);
+                    components(component, axes.row(self.stored, row % nj, row / nj), line);
+                    if axes.flipped[0] {
+                        line.reverse();
+                    }
+                    encode(ArrayView1::from(&line[..]), order, bytes);
+                },
+            )?;
+        }
+        to.flush()?;
+        Ok(())
+    }
+
+    fn check(&self, found: SampleType, grid: &Grid, rescale: Rescale) -> Result<(), WriteError> {
+        let mismatch = |what, found: String, expected: String| {
+            Err(WriteError::Mismatch {
+                what,
+                found,
+                expected,
+            })
+        };
+        if found != self.sample_type() {
+            return mismatch(
+                "sample type",
+                found.to_string(),
+                self.sample_type().to_string(),
+            );
+        }
+        if !same_place(grid, self.grid()) {
+            return mismatch("grid", describe(grid), describe(self.grid()));
+        }
+        let stored = |rescale: Rescale| [rescale.slope as f32, rescale.intercept as f32];
+        if stored(rescale) != stored(self.rescale()) {
+            return mismatch(
+                "rescale",
+                format!("{rescale:?}"),
+                format!("{:?}", self.rescale()),
+            );
+        }
+        Ok(())
+    }
+
+    fn displacement_header(&self) -> RawHeader {
+        let mut header = self.header.clone();
+        let [ni, nj, nk] = self.stored.map(|n| i16::try_from(n).unwrap_or(i16::MAX));
+        header.put_i16s(at::DIM, &[5, ni, nj, nk, 1, 3, 1, 1]);
+        header.put_type(SampleType::F32);
+        header.put_i16s(at::INTENT_CODE, &[INTENT_VECTOR]);
+        header.put_i16s(at::SLICE_START, &[0]);
+        header.put_i16s(at::SLICE_END, &[0]);
+        header.bytes[at::SLICE_CODE] = 0;
+        header.put_f32(at::SCL_SLOPE, 1.0);
+        for zero in [at::SCL_INTER, at::CAL_MAX, at::CAL_MIN] {
+            header.put_f32(zero, 0.0);
+        }
+        for parameter in 0..3 {
+            header.put_f32(at::INTENT_P1 + 4 * parameter, 0.0);
+        }
+        for axis in 4..8 {
+            header.put_f32(at::PIXDIM + 4 * axis, 1.0);
+        }
+        // The unit of space stays; there is no time.
+        header.bytes[at::XYZT_UNITS] &= 7;
+        header
+    }
+}
+
+/// Writes a volume as a file that appears whole or not at all, gzipped where its name ends in `.gz`.
+///
+/// # Errors
+/// As [`Template::write_volume`], the file named.
+pub fn save_volume<T: Sample>(
+    path: &Path,
+    template: &Template,
+    volume: &Volume<T>,
+) -> Result<(), WriteError> {
+    save(path, |to| template.write_volume(to, volume))
+}
+
+/// Writes a displacement field as a file that appears whole or not at all, gzipped where its name ends in
+/// `.gz`. For `components` see [`Template::write_displacement`].
+///
+/// # Errors
+/// As [`Template::write_displacement`], the file named.
+pub fn save_displacement(
+    path: &Path,
+    template: &Template,
+    components: impl Fn(usize, GridRow, &mut [f32]) + Sync,
+) -> Result<(), WriteError> {
+    save(path, |to| template.write_displacement(to, components))
+}
+
+fn save(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> Result<(), WriteError>,
+) -> Result<(), WriteError> {
+    let mut artifact = Artifact::create(path)?;
+    let compress = path
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("gz"));
+    let written = if compress {
+        let mut gzip = GzipWriter::new(&mut artifact);
+        fill(&mut gzip).and_then(|()| Ok(gzip.finish().map(|_| ())?))
+    } else {
+        fill(&mut artifact)
+    };
+    match written {
+        Ok(()) => Ok(artifact.commit()?),
+        Err(WriteError::Io(error)) => Err(artifact.failed(error).into()),
+        Err(other) => Err(other),
+    }
+}
+
+fn write_header(to: &mut impl Write, header: &RawHeader) -> io::Result<()> {
+    to.write_all(&header.bytes)?;
+    // The extension flag: none follow.
+    to.write_all(&[0; FIRST_OFFSET - HEADER_LEN])
+}
+
+/// Makes the rows of a volume in stored order, many at a time and in parallel, and writes them.
+/// `fill` gets a scratch value of its thread, the row's number (j + k · nj) and the row's bytes.
+fn write_rows<S>(
+    to: &mut impl Write,
+    stored: [usize; 3],
+    sample_bytes: usize,
+    scratch: impl Fn() -> S + Sync + Send,
+    fill: impl Fn(&mut S, usize, &mut [u8]) + Sync,
+) -> io::Result<()> {
+    let [ni, nj, nk] = stored;
+    let row_bytes = ni * sample_bytes;
+    let rows = nj * nk;
+    let batch = (BATCH / row_bytes).clamp(1, rows);
+    // Short rows are handed out several at a time.
+    let share = ((64 << 10) / row_bytes).max(1);
+    let mut bytes = vec![0; batch * row_bytes];
+    for first in (0..rows).step_by(batch) {
+        let rows = batch.min(rows - first);
+        let bytes = &mut bytes[..rows * row_bytes];
+        bytes
+            .par_chunks_mut(row_bytes)
+            .with_min_len(share)
+            .enumerate()
+            .for_each_init(&scratch, |scratch, (row, bytes)| {
+                fill(scratch, first + row, bytes)
+            });
+        to.write_all(bytes)?;
+    }
+    Ok(())
+}
+
+/// A row by its number, of an array indexed `[k, j, i]`.
+fn row_of<T>(stored: ArrayView3<'_, T>, row: usize, nj: usize) -> ArrayView1<'_, T> {
+    stored
+        .index_axis_move(Axis(0), row / nj)
+        .index_axis_move(Axis(0), row % nj)
+}
+
+fn encode<T: Sample>(samples: ArrayView1<'_, T>, order: ByteOrder, bytes: &mut [u8]) {
+    let slots = bytes.chunks_exact_mut(size_of::<T>());
+    for (slot, sample) in slots.zip(samples) {
+        let mut stored = sample.le_bytes();
+        if order == ByteOrder::Big {
+            stored.as_mut().reverse();
+        }
+        slot.copy_from_slice(stored.as_ref());
+    }
+}
+
+/// Whether two grids hold every voxel at the same place: as they are affine, it is enough to look at
+/// the first voxel and the ends of the three axes.
+fn same_place(a: &Grid, b: &Grid) -> bool {
+    let [x, y, z] = a.last_index().to_array();
+    let corners = [[0.0; 3], [x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]];
+    a.dims() == b.dims()
+        && corners.into_iter().all(|corner| {
+            let at =
+                |grid: &Grid| grid.grid_to_lps(grid.index_to_grid(ContinuousIndex::from(corner)));
+            (at(a) - at(b)).0.length() <= SAME_PLACE_MM
+        })
+}
+
+fn describe(grid: &Grid) -> String {
+    let ([nx, ny, nz], spacing, origin) = (grid.dims(), grid.spacing(), grid.origin().0);
+    format!("{nx}×{ny}×{nz} voxels of {spacing} mm from {origin} (LPS)")
+}

@@ -1,0 +1,15 @@
+//! NIfTI-1 files of every kind, sound and malformed, built byte by byte here: nothing of the reader or the
+//! writer under test takes part in making them.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "helpers of tests, which clippy does not take for tests"
+)]
+
+mod affine;
+mod builder;
+mod displacement;
+mod hostile;
+mod real;
+mod roundtrip;
