@@ -4,6 +4,7 @@
 //! Transactions on Information Technology in Biomedicine 5(4), 2001).
 
 pub mod feature;
+pub mod phantom;
 pub mod plan;
 pub mod space;
 pub mod volume;
