@@ -6,6 +6,7 @@
 pub mod feature;
 pub mod io;
 pub mod morph;
+pub mod phantom;
 pub mod plan;
 pub mod resample;
 pub mod space;

@@ -17,6 +17,22 @@ use crate::space::GridPoint;
 const FADE_SLOPE: f64 = 1.875;
 const FADE_CURVATURE: f64 = 5.773_502_691_896_258;
 
+/// A ball counts as far from a line where it is at least this many of its radii away from it.
+const FAR: f64 = 1.0;
+
+/// A ball counts as small for the fade where its radius is at most this share of the margin.
+const SMALL_FOR_FADE: f64 = 0.2;
+
+/// How a map bends within a cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Bend {
+    /// No line is near, and the fade is wide: a smooth map on the scale of the cell.
+    Smooth,
+    /// The most that trilinear interpolation from the cell's corners can be off by. Infinite where a line
+    /// runs through the cell.
+    Bounded(f64),
+}
+
 /// Bounds over a region, along any unit direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bounds {
@@ -41,6 +57,23 @@ struct Factor {
 }
 
 impl StageMap {
+    /// Whether the ball of `radius` about `centre`, in the model's units, is far from all nine lines and
+    /// small for the fade.
+    pub(super) fn is_far(&self, centre: DVec3, radius: f64) -> bool {
+        let far = |distance: f64| distance - radius >= FAR * radius;
+        let small = |taper: &Taper| {
+            radius <= SMALL_FOR_FADE * taper.margin_mm
+                || taper.nose.distance(GridPoint(centre)) - radius >= taper.margin_mm
+        };
+        self.taper.as_ref().is_none_or(small)
+            && far(self.f1.distance(centre))
+            && self
+                .cage
+                .edges()
+                .iter()
+                .all(|&(start, end)| far(Segment::new(start, end).distance(centre)))
+    }
+
     /// Bounds over the ball of `radius` about `centre`, in the model's units.
     pub(super) fn bounds(&self, centre: DVec3, radius: f64) -> Bounds {
         let fade = self.taper.as_ref().map_or(

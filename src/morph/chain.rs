@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::bounds::Bounds;
+use super::bounds::{Bend, Bounds};
 use super::stage::StageMap;
 use super::{LANES, Points};
 use crate::space::{Grid, GridPoint};
@@ -135,17 +135,18 @@ impl Chain {
         }
     }
 
-    /// The most that trilinear interpolation between the corners of a cell can be away from the map,
-    /// anywhere in the cell, after the axes are multiplied by `metric`. The cell's first corner is `at`, its
-    /// side `side` voxels. Infinite where a feature line runs through it.
+    /// How far trilinear interpolation between the corners of a cell can be from the map, anywhere in the
+    /// cell, after the axes are multiplied by `metric`. The cell's first corner is `at`, its side `side`
+    /// voxels.
     ///
     /// On a box of sides hₐ, trilinear interpolation of a function whose second derivative along any unit
     /// direction is at most M is off by at most M·Σhₐ²/8.
-    pub(super) fn interpolation_error(&self, at: DVec3, side: f64, metric: DVec3) -> f64 {
+    pub(super) fn bend(&self, at: DVec3, side: f64, metric: DVec3) -> Bend {
         let mut centre = at + DVec3::splat(side * 0.5);
         let mut radius = 0.0;
         let mut sides2 = 0.0;
         let mut to_metric = 0.0;
+        let mut smooth = true;
         let mut all = Bounds::IDENTITY;
         for (place, stage) in self.moving().rev().enumerate() {
             if place == 0 {
@@ -154,7 +155,9 @@ impl Chain {
                 radius = 0.5 * sides.length();
                 to_metric = (metric / stage.scale()).max_element();
             }
-            let bounds = stage.bounds(stage.to_units(centre), radius);
+            let at = stage.to_units(centre);
+            smooth &= stage.is_far(at, radius);
+            let bounds = stage.bounds(at, radius);
             // Chain rule: (f∘g)'' = f''(g', g') + f'·g''.
             all = Bounds {
                 lipschitz: bounds.lipschitz * all.lipschitz,
@@ -166,10 +169,13 @@ impl Chain {
             stage.to_source(&mut points);
             centre = points.get(0);
         }
-        if all.curvature == 0.0 {
-            return 0.0;
+        if smooth {
+            Bend::Smooth
+        } else if all.curvature == 0.0 {
+            Bend::Bounded(0.0)
+        } else {
+            Bend::Bounded(all.curvature * sides2 * 0.125 * to_metric)
         }
-        all.curvature * sides2 * 0.125 * to_metric
     }
 
     /// Whether the tissue at a lattice position may come from elsewhere. Where this is false,

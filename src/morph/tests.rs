@@ -469,7 +469,7 @@ proptest! {
             let adaptive = Field::evaluated(full, &chain, adaptive_mm(mm));
             let difference = FieldDifference::new(&textured(), &exact, &adaptive);
             println!(
-                "tolerance {mm:.3} mm: largest true error {:.4} mm, mean {:.5} mm",
+                "tolerance {mm:.6} mm: largest true error {:.6} mm, mean {:.5} mm",
                 difference.position_max_mm, difference.position_mean_mm
             );
             prop_assert!(difference.position_max_mm <= mm, "{difference:?} for {mm} mm");
