@@ -57,7 +57,8 @@ impl Template {
     }
 
     /// Writes a displacement field on this template's grid, uncompressed, as ITK does: five axes
-    /// (x, y, z, 1, 3), `f32`, intent 1007, the components x, y, z in **LPS mm**, one after the other.
+    /// (x, y, z, 1, 3), `f32`, intent 1007, the components x, y, z in **LPS mm**, one after the other (mm
+    /// even where the header counts in metres, as ITK turns those into mm).
     ///
     /// `components` is called for each component (0 x, 1 y, 2 z) and each [`GridRow`], from several
     /// threads at once, and fills the displacements of the row's voxels along that component. So no
