@@ -19,7 +19,7 @@ use crate::volume::{Rescale, Sample, SampleType, Volume};
 const BATCH: usize = 4 << 20;
 
 /// `NIFTI_INTENT_VECTOR`: the voxels are vectors. ITK takes their components as they are, in LPS;
-/// it is intent 1006 (displacement) whose components it may convert.
+/// those of intent 1006 (displacement) it takes as RAS, and turns (ITK 5.4).
 const INTENT_VECTOR: i16 = 1007;
 
 /// How far apart, in mm, two grids may hold the same voxel and count as the same. A header's `f32` keeps
