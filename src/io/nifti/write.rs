@@ -19,7 +19,7 @@ use crate::volume::{Rescale, Sample, SampleType, Volume};
 const BATCH: usize = 4 << 20;
 
 /// `NIFTI_INTENT_VECTOR`: the voxels are vectors. ITK takes their components as they are, in LPS;
-/// it is intent 1006 (displacement) whose components it may convert.
+/// those of intent 1006 (displacement) it takes as RAS, and turns (ITK 5.4).
 const INTENT_VECTOR: i16 = 1007;
 
 /// How far apart, in mm, two grids may hold the same voxel and count as the same. A header's `f32` keeps
@@ -57,7 +57,8 @@ impl Template {
     }
 
     /// Writes a displacement field on this template's grid, uncompressed, as ITK does: five axes
-    /// (x, y, z, 1, 3), `f32`, intent 1007, the components x, y, z in **LPS mm**, one after the other.
+    /// (x, y, z, 1, 3), `f32`, intent 1007, the components x, y, z in **LPS mm**, one after the other (mm
+    /// even where the header counts in metres, as ITK turns those into mm).
     ///
     /// `components` is called for each component (0 x, 1 y, 2 z) and each [`GridRow`], from several
     /// threads at once, and fills the displacements of the row's voxels along that component. So no
