@@ -1,19 +1,21 @@
 //! Displacement fields as ITK reads them.
 
-use rhinoplan::io::nifti::{GridRow, save_displacement};
+use ndarray::ArrayViewMut3;
+use rhinoplan::io::nifti::{GridSlab, save_displacement};
 
 use crate::builder::{Folder, Nifti, Noise};
 
 /// A component at a voxel (x, y, z) of the LPS grid: no two alike.
 fn value(component: usize, [x, y, z]: [usize; 3]) -> f32 {
-    (component * 10_000 + x * 400 + y * 20 + z) as f32 - 7.5
+    (component * 100_000 + x * 2_000 + y * 50 + z) as f32 - 7.5
 }
 
-fn fill(component: usize, row: GridRow, out: &mut [f32]) {
-    for (step, out) in out.iter_mut().enumerate() {
-        let mut at = row.start;
-        at[row.axis] = step;
-        *out = value(component, at);
+fn fill(component: usize, slab: GridSlab, mut out: ArrayViewMut3<'_, f32>) {
+    let [nx, ny, nz] = slab.dims;
+    assert_eq!(out.dim(), (nz, ny, nx));
+    let [x0, y0, z0] = slab.start;
+    for ((z, y, x), out) in out.indexed_iter_mut() {
+        *out = value(component, [x0 + x, y0 + y, z0 + z]);
     }
 }
 
@@ -50,7 +52,8 @@ fn assert_field(
 #[test]
 fn every_axis_order_and_flip_holds_the_vectors_of_its_voxels() {
     let folder = Folder::new();
-    let dims = [7, 5, 6];
+    // Long enough for several slabs, along whichever axis is the slowest.
+    let dims = [7, 5, 35];
     for order in [
         [0, 1, 2],
         [0, 2, 1],
@@ -61,7 +64,7 @@ fn every_axis_order_and_flip_holds_the_vectors_of_its_voxels() {
     ] {
         for signs in 0..8 {
             for big in [false, true] {
-                let mut file = Nifti::new([7, 5, 6], 4, 2, big, vec![0; 2 * 210]);
+                let mut file = Nifti::new(dims, 4, 2, big, vec![0; 2 * 1225]);
                 let mut rows = [[0.0; 4]; 3];
                 // In RAS, so an axis that grows to the left or to posterior has a negative entry.
                 let grows_to_lps = [0, 1, 2].map(|stored| signs >> stored & 1 == 0);

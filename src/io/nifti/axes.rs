@@ -44,22 +44,6 @@ impl StoredAxes {
         }
         stored
     }
-
-    /// The grid row that the stored row (j, k) holds; `stored` are the lengths by stored axis.
-    pub(super) fn row(self, stored: [usize; 3], j: usize, k: usize) -> GridRow {
-        let mut start = [0; 3];
-        for (axis, at) in [(1, j), (2, k)] {
-            start[self.lps[axis]] = if self.flipped[axis] {
-                stored[axis] - 1 - at
-            } else {
-                at
-            };
-        }
-        GridRow {
-            axis: self.lps[0],
-            start,
-        }
-    }
 }
 
 impl fmt::Display for StoredAxes {
@@ -72,13 +56,13 @@ impl fmt::Display for StoredAxes {
     }
 }
 
-/// A line of voxels right across a grid: the voxel `start`, and all that follow it along `axis`.
+/// Some planes of a grid: a box of voxels that reaches right across it along two axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GridRow {
-    /// The axis it runs along: 0 x (left), 1 y (posterior), 2 z (superior).
-    pub axis: usize,
-    /// Its first voxel (x, y, z) in LPS order; zero along `axis`.
+pub struct GridSlab {
+    /// Its first voxel (x, y, z) in LPS order.
     pub start: [usize; 3],
+    /// Its voxels along x, y and z.
+    pub dims: [usize; 3],
 }
 
 #[cfg(test)]
@@ -88,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_view_in_stored_order_and_its_rows_agree() {
+    fn a_view_in_stored_order_holds_the_voxels_of_the_grid() {
         // x, y, z of the voxel, as digits.
         let lps = Array3::from_shape_fn((4, 3, 2), |(z, y, x)| x * 100 + y * 10 + z);
         // Stored i runs to anterior, j to superior, k to the right.
@@ -106,15 +90,8 @@ mod tests {
             120,
             "x and y at their ends, z at its start"
         );
-        for k in 0..2 {
-            for j in 0..4 {
-                let row = axes.row(stored_lengths, j, k);
-                assert_eq!((row.axis, row.start[1]), (1, 0));
-                let [x, _, z] = row.start;
-                for i in 0..3 {
-                    assert_eq!(stored[[k, j, i]], x * 100 + (2 - i) * 10 + z);
-                }
-            }
+        for ((k, j, i), &voxel) in stored.indexed_iter() {
+            assert_eq!(voxel, (1 - k) * 100 + (2 - i) * 10 + j);
         }
     }
 }

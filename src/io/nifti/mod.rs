@@ -39,11 +39,11 @@ use std::path::Path;
 
 use crate::volume::AnyVolume;
 
-pub use axes::{GridRow, StoredAxes};
+pub use axes::{GridSlab, StoredAxes};
 pub use error::{NiftiError, NiftiProblem, WriteError};
 pub use header::{ByteOrder, Transform};
 pub use template::Template;
-pub use write::{save_displacement, save_volume};
+pub use write::{SLAB, save_displacement, save_volume};
 
 /// A volume as [`read`] found it.
 #[derive(Debug, Clone)]

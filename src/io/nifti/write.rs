@@ -3,10 +3,10 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use ndarray::{ArrayView1, ArrayView3, Axis};
+use ndarray::{Array3, ArrayView1, ArrayView3, ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
-use super::axes::GridRow;
+use super::axes::GridSlab;
 use super::error::WriteError;
 use super::header::{ByteOrder, FIRST_OFFSET, HEADER_LEN, at};
 use super::template::{RawHeader, Template};
@@ -17,6 +17,9 @@ use crate::volume::{Rescale, Sample, SampleType, Volume};
 
 /// Bytes of rows made together, in parallel, before they are written.
 const BATCH: usize = 4 << 20;
+
+/// Planes of a displacement field made together.
+pub const SLAB: usize = 16;
 
 /// `NIFTI_INTENT_VECTOR`: the voxels are vectors. ITK takes their components as they are, in LPS;
 /// those of intent 1006 (displacement) it takes as RAS, and turns (ITK 5.4).
@@ -43,15 +46,9 @@ impl Template {
         write_header(&mut to, &self.header)?;
         let stored = self.orientation().stored_view(volume.samples());
         let [_, nj, _] = self.stored;
-        write_rows(
-            &mut to,
-            self.stored,
-            size_of::<T>(),
-            || (),
-            |(), row, bytes| {
-                encode(row_of(stored, row, nj), self.header.order, bytes);
-            },
-        )?;
+        write_rows(&mut to, self.stored, size_of::<T>(), |row, bytes| {
+            encode(row_of(stored, row, nj), self.header.order, bytes);
+        })?;
         to.flush()?;
         Ok(())
     }
@@ -60,38 +57,44 @@ impl Template {
     /// (x, y, z, 1, 3), `f32`, intent 1007, the components x, y, z in **LPS mm**, one after the other (mm
     /// even where the header counts in metres, as ITK turns those into mm).
     ///
-    /// `components` is called for each component (0 x, 1 y, 2 z) and each [`GridRow`], from several
-    /// threads at once, and fills the displacements of the row's voxels along that component. So no
-    /// more of the field than a few MiB need exist. A row runs along whichever axis the file stores
-    /// fastest.
+    /// `fill` is called for each component (0 x, 1 y, 2 z) and each [`GridSlab`], and fills the
+    /// displacements of the slab's voxels along that component. So no more of the field than a slab need
+    /// exist. A slab is [`SLAB`] planes thick across the axis that the file stores slowest, and begins at a
+    /// multiple of that.
     ///
     /// # Errors
     /// Those of `to`.
     pub fn write_displacement(
         &self,
         mut to: impl Write,
-        components: impl Fn(usize, GridRow, &mut [f32]) + Sync,
+        mut fill: impl FnMut(usize, GridSlab, ArrayViewMut3<'_, f32>),
     ) -> Result<(), WriteError> {
         write_header(&mut to, &self.displacement_header())?;
         let axes = self.orientation();
-        let [ni, nj, _] = self.stored;
         let order = self.header.order;
+        let across = axes.lps[2];
+        let dims = self.grid().dims();
+        let mut starts: Vec<usize> = (0..dims[across]).step_by(SLAB).collect();
+        if axes.flipped[2] {
+            starts.reverse();
+        }
         for component in 0..3 {
-            let scratch = || vec![0.0_f32; ni];
-            write_rows(
-                &mut to,
-                self.stored,
-                size_of::<f32>(),
-                scratch,
-                |line, row, bytes| {
-                    line.fill(0.0);
-                    components(component, axes.row(self.stored, row % nj, row / nj), line);
-                    if axes.flipped[0] {
-                        line.reverse();
-                    }
-                    encode(ArrayView1::from(&line[..]), order, bytes);
-                },
-            )?;
+            for &start in &starts {
+                let mut slab = GridSlab {
+                    start: [0; 3],
+                    dims,
+                };
+                slab.start[across] = start;
+                slab.dims[across] = SLAB.min(dims[across] - start);
+                let [nx, ny, nz] = slab.dims;
+                let mut values = Array3::<f32>::zeros((nz, ny, nx));
+                fill(component, slab, values.view_mut());
+                let stored = axes.stored_view(values.view());
+                let (nk, nj, ni) = stored.dim();
+                write_rows(&mut to, [ni, nj, nk], size_of::<f32>(), |row, bytes| {
+                    encode(row_of(stored, row, nj), order, bytes);
+                })?;
+            }
         }
         to.flush()?;
         Ok(())
@@ -164,16 +167,16 @@ pub fn save_volume<T: Sample>(
 }
 
 /// Writes a displacement field as a file that appears whole or not at all, gzipped where its name ends in
-/// `.gz`. For `components` see [`Template::write_displacement`].
+/// `.gz`. For `fill` see [`Template::write_displacement`].
 ///
 /// # Errors
 /// As [`Template::write_displacement`], the file named.
 pub fn save_displacement(
     path: &Path,
     template: &Template,
-    components: impl Fn(usize, GridRow, &mut [f32]) + Sync,
+    fill: impl FnMut(usize, GridSlab, ArrayViewMut3<'_, f32>),
 ) -> Result<(), WriteError> {
-    save(path, |to| template.write_displacement(to, components))
+    save(path, |to| template.write_displacement(to, fill))
 }
 
 fn save(
@@ -204,13 +207,12 @@ fn write_header(to: &mut impl Write, header: &RawHeader) -> io::Result<()> {
 }
 
 /// Makes the rows of a volume in stored order, many at a time and in parallel, and writes them.
-/// `fill` gets a scratch value of its thread, the row's number (j + k · nj) and the row's bytes.
-fn write_rows<S>(
+/// `fill` gets the row's number (j + k · nj) and the row's bytes.
+fn write_rows(
     to: &mut impl Write,
     stored: [usize; 3],
     sample_bytes: usize,
-    scratch: impl Fn() -> S + Sync + Send,
-    fill: impl Fn(&mut S, usize, &mut [u8]) + Sync,
+    fill: impl Fn(usize, &mut [u8]) + Sync,
 ) -> io::Result<()> {
     let [ni, nj, nk] = stored;
     let row_bytes = ni * sample_bytes;
@@ -226,9 +228,7 @@ fn write_rows<S>(
             .par_chunks_mut(row_bytes)
             .with_min_len(share)
             .enumerate()
-            .for_each_init(&scratch, |scratch, (row, bytes)| {
-                fill(scratch, first + row, bytes)
-            });
+            .for_each(|(row, bytes)| fill(first + row, bytes));
         to.write_all(bytes)?;
     }
     Ok(())
