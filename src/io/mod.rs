@@ -3,3 +3,4 @@
 pub mod artifact;
 pub mod gzip;
 pub mod nifti;
+pub mod staging;

@@ -53,7 +53,7 @@ fn assert_field(
 fn every_axis_order_and_flip_holds_the_vectors_of_its_voxels() {
     let folder = Folder::new();
     // Long enough for several slabs, along whichever axis is the slowest.
-    let dims = [7, 5, 35];
+    let dims: [usize; 3] = [7, 5, 35];
     for order in [
         [0, 1, 2],
         [0, 2, 1],
@@ -64,7 +64,7 @@ fn every_axis_order_and_flip_holds_the_vectors_of_its_voxels() {
     ] {
         for signs in 0..8 {
             for big in [false, true] {
-                let mut file = Nifti::new(dims, 4, 2, big, vec![0; 2 * 1225]);
+                let mut file = Nifti::new(dims.map(|n| n as i16), 4, 2, big, vec![0; 2 * 1225]);
                 let mut rows = [[0.0; 4]; 3];
                 // In RAS, so an axis that grows to the left or to posterior has a negative entry.
                 let grows_to_lps = [0, 1, 2].map(|stored| signs >> stored & 1 == 0);
