@@ -5,6 +5,7 @@
 
 pub mod feature;
 pub mod io;
+pub mod measure;
 pub mod morph;
 pub mod phantom;
 pub mod plan;

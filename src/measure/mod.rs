@@ -1,0 +1,15 @@
+//! What the paper's section IV measures: the angle and height of the nose, and the volumes of its eleven
+//! regions. All in grid millimetres, so an oblique or anisotropic grid needs nothing special.
+
+mod cells;
+mod error;
+mod geometry;
+mod regions;
+mod sheet;
+
+#[cfg(test)]
+mod tests;
+
+pub use error::MeasureError;
+pub use geometry::NoseGeometry;
+pub use regions::{REGION_NAMES, REGIONS, RegionVolumes, Slabs, region_volumes};
