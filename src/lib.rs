@@ -3,12 +3,15 @@
 //! Implements *Computer-Aided Prototype System for Nose Surgery* (T.-Y. Lee, C.-H. Lin, H.-Y. Lin, IEEE
 //! Transactions on Information Technology in Biomedicine 5(4), 2001).
 
+pub mod cli;
+pub mod exec;
 pub mod feature;
 pub mod io;
 pub mod measure;
 pub mod morph;
 pub mod phantom;
 pub mod plan;
+pub mod report;
 pub mod resample;
 pub mod space;
 pub mod volume;

@@ -1,1 +1,5 @@
-fn main() {}
+//! The command line of rhinoplan. Everything is in the library.
+
+fn main() -> std::process::ExitCode {
+    rhinoplan::cli::main()
+}

@@ -89,6 +89,11 @@ impl VoxelBox {
         [0, 1, 2].map(|axis| self.end[axis].saturating_sub(self.start[axis]))
     }
 
+    /// Whether a voxel is in both.
+    pub fn intersects(&self, other: &Self) -> bool {
+        (0..3).all(|axis| self.start[axis] < other.end[axis] && other.start[axis] < self.end[axis])
+    }
+
     /// The smallest box that holds both.
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {

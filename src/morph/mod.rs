@@ -9,7 +9,7 @@
 //!   number of lines, which the short form is tested against.
 //! - [`chain`]: several stages composed, on a lattice of voxels.
 //! - [`field`]: source positions for tiles of voxels, exactly ([`exact`]) or on an octree ([`octree`]).
-//! - [`warp`]: a volume sampled through a field.
+//! - [`warp`]: a volume sampled through a field; [`displacement`]: a field as LPS vectors.
 //! - [`audit`]: is the map folded, how far does it move tissue, how far is adaptive from exact.
 //!
 //! Everything here works on [`Points`]: positions in voxels of one [`Lattice`], target positions going
@@ -18,6 +18,7 @@
 pub mod audit;
 mod bounds;
 pub mod chain;
+pub mod displacement;
 mod exact;
 pub mod field;
 pub mod halfscale;

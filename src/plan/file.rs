@@ -14,6 +14,7 @@ use super::raw::RawPlan;
 use super::resolve;
 use super::resolved::{CtSource, Plan};
 use super::source::{Source, Span};
+use crate::io::digest::sha256_hex;
 use crate::space::Grid;
 
 /// The largest plan file, bytes. A thousand candidates are a tenth of it.
@@ -27,6 +28,7 @@ const MAX_TRACED: usize = 50;
 pub struct PlanFile {
     source: Source,
     folder: PathBuf,
+    sha256: String,
     /// None where the text is not TOML, or of another version of the format.
     raw: Option<RawPlan>,
     /// The faults that can be told without the CT.
@@ -113,6 +115,7 @@ impl PlanFile {
     /// Decodes the text of a plan. `shown_name` names it in messages; paths in it are relative to
     /// `folder`.
     pub fn from_text(shown_name: impl Into<String>, folder: &Path, text: &str) -> Self {
+        let sha256 = sha256_hex(text.as_bytes());
         let source = Source::new(shown_name.into(), text);
         let mut faults = Faults::default();
         let raw = decode(source.text(), &mut faults);
@@ -122,6 +125,7 @@ impl PlanFile {
         Self {
             source,
             folder: folder.to_owned(),
+            sha256,
             raw,
             faults,
         }
@@ -132,9 +136,14 @@ impl PlanFile {
         self.source.name()
     }
 
+    /// SHA-256 of the file's bytes, hexadecimal.
+    pub fn sha256(&self) -> &str {
+        &self.sha256
+    }
+
     /// The name of the plan, where it gives a valid one.
     pub fn name(&self) -> Option<&str> {
-        self.raw.as_ref()?.name.as_deref()
+        Some(&self.raw.as_ref()?.name.as_ref()?.value)
     }
 
     /// Where the CT is, where the plan says so validly; the path is relative to the working folder.
@@ -161,6 +170,14 @@ impl PlanFile {
             resolve::sides_of_voxels(&raw.landmarks, &mut faults);
         }
         Diagnostics::new(&self.source, faults)
+    }
+
+    /// A fault of the plan's name among other plans, at the line that gives it.
+    pub fn name_fault(&self, message: impl Into<String>, hint: String) -> Diagnostic {
+        let name = self.raw.as_ref().and_then(|raw| raw.name.as_ref());
+        let place = name.map(|name| name.span).unwrap_or_default();
+        let fault = Fault::new(Code::DuplicateName, place, message).hint(hint);
+        Diagnostic::new(&self.source, fault)
     }
 
     /// A fault of the CT itself, at the line of the plan that names it.

@@ -29,7 +29,7 @@ const MAX_TITLE: usize = 200;
 /// A plan as written.
 #[derive(Debug, Clone)]
 pub(super) struct RawPlan {
-    pub name: Option<String>,
+    pub name: Option<Located<String>>,
     pub title: Option<String>,
     pub ct: Option<RawCt>,
     /// Where faults of the CT are shown: the path or the name that was given, else what should have
@@ -125,7 +125,7 @@ impl RawPlan {
             let expected = format!("`plan = {FORMAT}`, the version of the format");
             faults.missing(&table, "plan", &expected);
         }
-        let name = name(&table, "`name`", faults).map(|name| name.value);
+        let name = name(&table, "`name`", faults);
         let title = title(&table, "`title`", faults);
         let (ct, ct_place) = ct(&table, faults);
         Some(Self {

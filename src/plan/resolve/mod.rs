@@ -36,7 +36,7 @@ pub(super) fn plan(raw: &RawPlan, folder: &Path, grid: &Grid, faults: &mut Fault
     }
     let resolved = || {
         Some(Plan {
-            name: raw.name.clone()?,
+            name: raw.name.clone()?.value,
             title: raw.title.clone(),
             ct: ct(raw.ct.as_ref()?, folder),
             landmarks: placed.landmarks?,

@@ -1,0 +1,237 @@
+//! What each command does, in terms of the library.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+
+use super::output::Output;
+use super::progress::Progress;
+use crate::exec::ct::{self, CtHeader};
+use crate::exec::preflight::output_folder;
+use crate::exec::run::phases;
+use crate::exec::{self, ExitCode, Ready, Refusal, RunReport};
+use crate::io::nifti;
+use crate::plan::{CtSource, Phantom};
+use crate::space::Grid;
+use crate::with_volume;
+
+/// `run`: each plan in turn. A plan that fails does not stop the next; the worst exit code is kept.
+pub(super) fn run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
+    let ready = match exec::prepare(plans) {
+        Ok(ready) => ready,
+        Err(refusal) => return refuse(&refusal, output),
+    };
+    let mut code = ExitCode::Done;
+    for plan in &ready {
+        let progress = Progress::new(output);
+        let result = exec::run(plan, out, &progress);
+        drop(progress);
+        match result {
+            Ok(report) => {
+                output.result(&summary(&report));
+                output.push("runs", &report);
+            }
+            Err(error) => {
+                output.error(&format!("{}: {error}", plan.file));
+                output
+                    .note("nothing of this plan was written; what earlier runs wrote is unchanged");
+                code = error.exit_code();
+            }
+        }
+    }
+    code
+}
+
+/// `run --dry-run`: what would be done.
+pub(super) fn dry_run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
+    let ready = match exec::prepare(plans) {
+        Ok(ready) => ready,
+        Err(refusal) => return refuse(&refusal, output),
+    };
+    for Ready { plan, .. } in &ready {
+        let steps = phases(plan);
+        output.result(&format!(
+            "{} ({} steps) into {}",
+            plan.name,
+            steps.len(),
+            output_folder(out, plan).display()
+        ));
+        for (phase, place) in &steps {
+            output.result(&match place {
+                None => format!("  {}", phase.describe()),
+                Some(place) => format!(
+                    "  {} / {}: {}",
+                    place.candidate,
+                    place.stage,
+                    phase.describe()
+                ),
+            });
+        }
+        let steps: Vec<_> = steps
+            .iter()
+            .map(|(phase, place)| json!({ "phase": phase, "at": place }))
+            .collect();
+        output.push("plans", json!({ "plan": plan.name, "steps": steps }));
+    }
+    ExitCode::Done
+}
+
+/// `check`: everything that can be known without computing.
+pub(super) fn check(plans: &[PathBuf], output: &Output) -> ExitCode {
+    let ready = match exec::prepare(plans) {
+        Ok(ready) => ready,
+        Err(refusal) => return refuse(&refusal, output),
+    };
+    for Ready { file, plan, ct, .. } in &ready {
+        if let Some(warning) = ct.warning() {
+            output.warning(&format!("{file}: {warning}"));
+        }
+        let stages: usize = plan.candidates.iter().map(|c| c.stages.len()).sum();
+        output.result(&format!(
+            "{file}: ok ({}, {} on a CT of {})",
+            count(plan.candidates.len(), "candidate"),
+            count(stages, "stage"),
+            size(&ct.grid)
+        ));
+        output.push(
+            "plans",
+            json!({
+                "file": file,
+                "plan": plan.name,
+                "candidates": plan.candidates.len(),
+                "stages": stages,
+            }),
+        );
+    }
+    ExitCode::Done
+}
+
+/// `info`: what a volume is.
+pub(super) fn info(path: &Path, output: &Output) -> ExitCode {
+    let source = CtSource::File {
+        path: path.to_owned(),
+        sha256: None,
+    };
+    let (header, ct) = match ct::header(&source).and_then(|h| Ok((h, ct::load(&source)?))) {
+        Ok(both) => both,
+        Err(error) => {
+            output.error(&error.to_string());
+            return ExitCode::Input;
+        }
+    };
+    if let Some(warning) = header.warning() {
+        output.warning(&warning);
+    }
+    output.result(&describe(&header, &ct.record));
+    output.set("ct", &ct.record);
+    ExitCode::Done
+}
+
+/// `phantom`: the built-in head as a file.
+pub(super) fn phantom(path: &Path, output: &Output) -> ExitCode {
+    let ct = match ct::load(&CtSource::Phantom(Phantom::Lee2001)) {
+        Ok(ct) => ct,
+        Err(error) => {
+            output.error(&error.to_string());
+            return ExitCode::Input;
+        }
+    };
+    if let Err(error) = with_volume!(&ct.volume, volume => {
+        nifti::save_volume(path, &ct.template, volume)
+    }) {
+        output.error(&error.to_string());
+        return ExitCode::Usage;
+    }
+    output.result(&format!(
+        "wrote {} ({}, SHA-256 of the samples {})",
+        path.display(),
+        size(ct.volume.grid()),
+        ct.record.sha256
+    ));
+    output.set("ct", &ct.record);
+    ExitCode::Done
+}
+
+fn refuse(refusal: &Refusal, output: &Output) -> ExitCode {
+    for message in &refusal.unreadable {
+        output.error(message);
+    }
+    for fault in refusal.diagnostics() {
+        output.fault(fault);
+    }
+    let faults = refusal.unreadable.len() + refusal.diagnostics().count();
+    output.note(&format!("{}; nothing was computed", count(faults, "fault")));
+    refusal.exit_code()
+}
+
+/// A few lines for each candidate: where it ends, and what changed.
+fn summary(report: &RunReport) -> String {
+    let mut text = format!("{}", report.folder.display());
+    for candidate in &report.record.candidates {
+        let (Some(first), Some(last)) = (candidate.stages.first(), candidate.stages.last()) else {
+            continue;
+        };
+        let (before, after) = (&first.measures, &last.measures);
+        let change = 100.0 * (after.volume_total_mm3 / before.volume_total_mm3 - 1.0);
+        text.push_str(&format!(
+            "\n  {}: gamma {:.2}° → {:.2}°, height {:.2} → {:.2} mm, volume {:.0} → {:.0} mm³ ({change:+.1} %)",
+            candidate.name,
+            before.gamma_deg,
+            after.gamma_deg,
+            before.height_mm,
+            after.height_mm,
+            before.volume_total_mm3,
+            after.volume_total_mm3,
+        ));
+    }
+    text
+}
+
+fn describe(header: &CtHeader, record: &crate::report::record::CtRecord) -> String {
+    let grid = &record.grid;
+    let ([nx, ny, nz], spacing, origin) = (grid.dims(), grid.spacing(), grid.origin().0);
+    let [low, high] = record.hu_range;
+    let position = header
+        .template
+        .as_ref()
+        .map_or("none".to_owned(), |template| {
+            format!("{:?}", template.transform()).to_lowercase()
+        });
+    format!(
+        "size         {nx} × {ny} × {nz} voxels (left, posterior, superior)\n\
+         spacing      {} × {} × {} mm\n\
+         extent       {:.1} × {:.1} × {:.1} mm\n\
+         stored as    {}, {} (slope {}, intercept {})\n\
+         position     from {position}; first voxel at {:.3}, {:.3}, {:.3} mm (LPS)\n\
+         obliquity    {:.2}°\n\
+         range        {low} to {high} HU\n\
+         SHA-256      {}",
+        spacing.x,
+        spacing.y,
+        spacing.z,
+        nx as f64 * spacing.x,
+        ny as f64 * spacing.y,
+        nz as f64 * spacing.z,
+        record.stored_orientation,
+        record.sample_type,
+        record.slope,
+        record.intercept,
+        origin.x,
+        origin.y,
+        origin.z,
+        grid.obliquity_deg(),
+        record.sha256,
+    )
+}
+
+fn size(grid: &Grid) -> String {
+    let ([nx, ny, nz], spacing) = (grid.dims(), grid.spacing());
+    format!(
+        "{nx}×{ny}×{nz} voxels of {}×{}×{} mm",
+        spacing.x, spacing.y, spacing.z
+    )
+}
+
+fn count(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}

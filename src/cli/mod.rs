@@ -1,0 +1,73 @@
+//! The command line: arguments in, exit code out.
+//!
+//! Documents go to stdout, everything else to stderr. With `--json` stdout holds one JSON document,
+//! whatever happens; with `--quiet` stderr holds nothing but errors.
+
+mod args;
+mod commands;
+mod output;
+mod progress;
+
+use std::panic;
+use std::process;
+
+use clap::Parser;
+
+use crate::exec::ExitCode;
+use args::{Args, Command};
+use output::Output;
+
+impl From<ExitCode> for process::ExitCode {
+    fn from(code: ExitCode) -> Self {
+        // The codes are all below 256.
+        Self::from(code as u8)
+    }
+}
+
+/// Runs the command that the process was started with.
+pub fn main() -> process::ExitCode {
+    let args = match Args::try_parse() {
+        Ok(args) => args,
+        Err(error) => {
+            let code = if error.use_stderr() {
+                ExitCode::Usage
+            } else {
+                ExitCode::Done
+            };
+            // Help and version go to stdout, usage errors to stderr. Neither can fail usefully.
+            let _ = error.print();
+            return code.into();
+        }
+    };
+    let output = Output::new(args.json, args.quiet);
+    if let Some(threads) = args.threads {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
+        if let Err(error) = pool.build_global() {
+            output.error(&format!("cannot start {threads} threads: {error}"));
+            return ExitCode::Usage.into();
+        }
+    }
+    // A panic is a bug. It is caught so that the exit code says so and a document is still a document.
+    let caught = panic::catch_unwind(|| dispatch(&args.command, &output));
+    let code = caught.unwrap_or_else(|_| {
+        output.error(
+            "this is a bug of rhinoplan; please report it with the plan and the message above",
+        );
+        ExitCode::Bug
+    });
+    output.finish(code).into()
+}
+
+fn dispatch(command: &Command, output: &Output) -> ExitCode {
+    match command {
+        Command::Run {
+            plans,
+            out,
+            dry_run,
+        } if *dry_run => commands::dry_run(plans, out, output),
+        Command::Run { plans, out, .. } => commands::run(plans, out, output),
+        Command::Check { plans } => commands::check(plans, output),
+        Command::Info { ct } => commands::info(ct, output),
+        Command::Phantom { output: path } => commands::phantom(path, output),
+    }
+}

@@ -1,0 +1,97 @@
+//! Why a run ends, and the process's exit code.
+
+use thiserror::Error;
+
+use super::ct::CtError;
+use crate::feature::LineError;
+use crate::io::artifact::ArtifactError;
+use crate::io::nifti::WriteError;
+use crate::measure::MeasureError;
+use crate::resample::half::HalfError;
+use crate::volume::VolumeError;
+
+/// The exit codes of the program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExitCode {
+    /// Everything was done.
+    Done = 0,
+    /// The command line or a plan is wrong, or outputs cannot be written where they were asked for.
+    Usage = 2,
+    /// The CT, or what is in it, cannot be used.
+    Input = 3,
+    /// A bug of this program.
+    Bug = 70,
+}
+
+/// Where in a plan something went wrong.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct At {
+    /// The candidate's name.
+    pub candidate: String,
+    /// The stage's name.
+    pub stage: String,
+}
+
+impl std::fmt::Display for At {
+    fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(to, "candidate `{}`, stage `{}`", self.candidate, self.stage)
+    }
+}
+
+/// Why a run could not be finished. Earlier runs' outputs are as they were.
+#[derive(Debug, Error)]
+pub enum RunError {
+    /// The CT cannot be read.
+    #[error(transparent)]
+    Ct(#[from] CtError),
+    /// There is nothing to measure before the first operation.
+    #[error("the preoperative nose cannot be measured: {0}")]
+    Preoperative(MeasureError),
+    /// There is nothing to measure after an operation.
+    #[error("{at}: the nose cannot be measured: {source}")]
+    Measure {
+        /// Where.
+        at: At,
+        /// Why.
+        source: MeasureError,
+    },
+    /// A feature line has no direction.
+    #[error("{at}: {source}")]
+    Line {
+        /// Where.
+        at: At,
+        /// Why.
+        source: LineError,
+    },
+    /// The volume has no half.
+    #[error("{0}; use scale = \"full\"")]
+    Half(#[from] HalfError),
+    /// No memory.
+    #[error(transparent)]
+    Volume(#[from] VolumeError),
+    /// An output could not be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// An output could not be put in place.
+    #[error(transparent)]
+    Artifact(#[from] ArtifactError),
+    /// A table could not be made.
+    #[error("cannot write a table: {0}")]
+    Table(#[from] csv::Error),
+    /// The record could not be made.
+    #[error("cannot write the record: {0}")]
+    Record(#[from] serde_json::Error),
+}
+
+impl RunError {
+    /// What the process ends with.
+    pub fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Ct(_) | Self::Preoperative(_) | Self::Measure { .. } => ExitCode::Input,
+            Self::Half(_) | Self::Volume(_) => ExitCode::Input,
+            Self::Line { .. } | Self::Artifact(_) => ExitCode::Usage,
+            Self::Write(WriteError::Mismatch { .. }) | Self::Record(_) => ExitCode::Bug,
+            Self::Write(_) | Self::Table(_) => ExitCode::Usage,
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! What a run tells while it works.
+
+use serde::Serialize;
+
+/// A kind of work. The names are those of `timings.json`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Phase {
+    /// Reading or making the CT.
+    Read,
+    /// To half scale (paper Table III, row 1).
+    Half,
+    /// Morphing (row 2).
+    Morph,
+    /// Back to full scale (row 5).
+    Upsample,
+    /// Jacobian determinant and displacement at every voxel.
+    Audit,
+    /// The adaptive evaluation against the exact one.
+    Compare,
+    /// Regions, angle, height (row 6).
+    Measure,
+    /// Writing `volume.nii.gz`.
+    WriteVolume,
+    /// Writing `displacement.nii.gz`.
+    WriteDisplacement,
+    /// Writing records and tables, and putting every file in place.
+    Publish,
+}
+
+impl Phase {
+    /// What it is doing, for people.
+    pub const fn describe(self) -> &'static str {
+        match self {
+            Self::Read => "reading the CT",
+            Self::Half => "halving",
+            Self::Morph => "morphing",
+            Self::Upsample => "back to full scale",
+            Self::Audit => "checking the map",
+            Self::Compare => "comparing with exact",
+            Self::Measure => "measuring",
+            Self::WriteVolume => "writing the volume",
+            Self::WriteDisplacement => "writing the displacement field",
+            Self::Publish => "writing tables",
+        }
+    }
+}
+
+/// Which nose the work is for; none where it is for all of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Place<'a> {
+    /// The candidate's name.
+    pub candidate: &'a str,
+    /// The stage's name.
+    pub stage: &'a str,
+}
+
+/// Something happened.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event<'a> {
+    /// A plan begins, which will take this many phases.
+    PlanStarted {
+        /// Its name.
+        plan: &'a str,
+        /// Phases to come.
+        phases: usize,
+    },
+    /// A phase begins.
+    PhaseStarted(Phase, Option<Place<'a>>),
+    /// The phase that began last is over.
+    PhaseFinished(Phase, Option<Place<'a>>),
+    /// Something that the user should know, and that does not stop the run.
+    Warning(String),
+    /// The plan is finished.
+    PlanFinished,
+}
+
+/// Hears of events, in order.
+pub trait Observer {
+    /// Called for each event, on the thread that runs the plan.
+    fn on(&self, event: &Event<'_>);
+}
+
+/// Hears and says nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Silent;
+
+impl Observer for Silent {
+    fn on(&self, _: &Event<'_>) {}
+}

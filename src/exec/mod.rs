@@ -1,0 +1,17 @@
+//! Plans executed: everything is checked first, then computed stage by stage, then put in place at once.
+//!
+//! [`preflight`] turns plan files into [`Ready`] plans or every reason why not. [`run`] computes one of
+//! them and tells an [`Observer`] how it goes. Neither knows a terminal.
+
+pub mod ct;
+pub mod error;
+pub mod events;
+mod operation;
+pub mod preflight;
+pub mod run;
+mod timings;
+
+pub use error::{ExitCode, RunError};
+pub use events::{Event, Observer, Phase, Place};
+pub use preflight::{Ready, Refusal, prepare};
+pub use run::{RunReport, run};

@@ -1,0 +1,121 @@
+//! Everything that can be checked without computing: all plans, their CTs' headers, all faults at once.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use super::ct::{self, CtHeader};
+use super::error::ExitCode;
+use crate::plan::{Diagnostic, Diagnostics, Plan, PlanFile};
+
+/// A plan that can run.
+#[derive(Debug, Clone)]
+pub struct Ready {
+    /// The file, as the user named it.
+    pub file: String,
+    /// SHA-256 of the plan file's bytes, hexadecimal.
+    pub sha256: String,
+    /// The plan, resolved on its CT's grid.
+    pub plan: Plan,
+    /// The CT's header.
+    pub ct: CtHeader,
+}
+
+/// Every reason why some plans cannot run.
+#[derive(Debug, Default)]
+pub struct Refusal {
+    /// Plan files that cannot be read at all.
+    pub unreadable: Vec<String>,
+    /// Faults of plans.
+    pub faults: Diagnostics,
+    /// CTs that cannot be used, at the place of the plan that names them.
+    pub cts: Diagnostics,
+}
+
+impl Refusal {
+    fn is_empty(&self) -> bool {
+        self.unreadable.is_empty() && self.faults.is_empty() && self.cts.is_empty()
+    }
+
+    /// What the process ends with: a fault of a plan outweighs one of its CT.
+    pub fn exit_code(&self) -> ExitCode {
+        if self.unreadable.is_empty() && self.faults.is_empty() {
+            ExitCode::Input
+        } else {
+            ExitCode::Usage
+        }
+    }
+
+    /// Every placed fault, plans' before CTs'.
+    pub fn diagnostics(&self) -> impl Iterator<Item = &Diagnostic> {
+        self.faults.iter().chain(self.cts.iter())
+    }
+}
+
+/// Reads and checks plans and the headers of their CTs. No voxel is read.
+///
+/// # Errors
+/// [`Refusal`] with every fault of every plan.
+pub fn prepare(files: &[PathBuf]) -> Result<Vec<Ready>, Refusal> {
+    let mut refusal = Refusal::default();
+    let mut ready = Vec::with_capacity(files.len());
+    let mut names: HashMap<String, String> = HashMap::new();
+    for path in files {
+        let file = match PlanFile::read(path) {
+            Ok(file) => file,
+            Err(error) => {
+                refusal.unreadable.push(error.to_string());
+                continue;
+            }
+        };
+        if let Some(name) = file.name()
+            && let Some(first) = names.insert(name.to_owned(), file.shown_name().to_owned())
+        {
+            let fault = file.name_fault(
+                format!("two plans of one run have the name `{name}`"),
+                format!("the other is {first}; both would write into one folder"),
+            );
+            refusal.faults.extend([fault]);
+        }
+        if let Some(plan) = prepare_one(&file, &mut refusal) {
+            ready.push(plan);
+        }
+    }
+    if refusal.is_empty() {
+        Ok(ready)
+    } else {
+        Err(refusal)
+    }
+}
+
+fn prepare_one(file: &PlanFile, refusal: &mut Refusal) -> Option<Ready> {
+    let Some(source) = file.ct() else {
+        refusal.faults.extend(file.faults());
+        return None;
+    };
+    let header = match ct::header(&source) {
+        Ok(header) => header,
+        Err(error) => {
+            refusal.faults.extend(file.faults());
+            let fault = file.ct_fault(error.to_string(), None);
+            refusal.cts.extend([fault]);
+            return None;
+        }
+    };
+    match file.resolve(&header.grid) {
+        Ok(plan) => Some(Ready {
+            file: file.shown_name().to_owned(),
+            sha256: file.sha256().to_owned(),
+            plan,
+            ct: header,
+        }),
+        Err(faults) => {
+            refusal.faults.extend(faults);
+            None
+        }
+    }
+}
+
+/// The folder that a plan's outputs go to.
+pub fn output_folder(out: &Path, plan: &Plan) -> PathBuf {
+    out.join(&plan.name)
+}

@@ -1,0 +1,336 @@
+//! One plan, computed from its CT to its tables.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::ct::{self, Ct};
+use super::error::{At, RunError};
+use super::events::{Event, Observer, Phase, Place};
+use super::operation::Operation;
+use super::preflight::{Ready, output_folder};
+use super::timings::{Clock, Timings};
+use crate::feature::FeatureLine;
+use crate::io::artifact::{Artifact, ArtifactError};
+use crate::io::nifti::{Template, save_displacement, save_volume};
+use crate::io::staging::Staging;
+use crate::measure::{MeasureError, NoseGeometry, Slabs, region_volumes};
+use crate::morph::audit::WarpAudit;
+use crate::morph::displacement::fill_component;
+use crate::plan::{Candidate, Method, Model, Plan, Scale};
+use crate::report::record::{
+    CandidateRecord, FORMAT, Inputs, Measures, OperationRecord, PREOPERATIVE, PlanRecord, Program,
+    RunRecord, StageRecord,
+};
+use crate::report::{csv, markdown};
+use crate::space::{Grid, GridPoint};
+use crate::volume::{Sample, Volume};
+use crate::with_volume;
+
+/// A finished run.
+#[derive(Debug, Clone, Serialize)]
+pub struct RunReport {
+    /// The folder that holds its outputs.
+    pub folder: PathBuf,
+    /// What `run.json` holds.
+    pub record: RunRecord,
+    /// What `timings.json` holds.
+    pub timings: Timings,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Computes every candidate and stage of a plan and puts the outputs into `out`, in a folder of the plan's
+/// name: all of them at the end, or none.
+///
+/// # Errors
+/// [`RunError`]; what earlier runs wrote is then as it was.
+pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunReport, RunError> {
+    let plan = &ready.plan;
+    let folder = output_folder(out, plan);
+    let mut clock = Clock::new(observer);
+    let phases = phases(plan).len();
+    clock.tell(&Event::PlanStarted {
+        plan: &plan.name,
+        phases,
+    });
+    let mut staging = Staging::new(&folder)?;
+    let ct = clock.time(Phase::Read, None, || ct::load(&plan.ct))?;
+    let mut session = Session {
+        plan,
+        template: &ct.template,
+        staging: &mut staging,
+        clock: &mut clock,
+        warnings: Vec::new(),
+    };
+    if let Some(warning) = ready.ct.warning() {
+        session.warn(warning);
+    }
+    let candidates = with_volume!(&ct.volume, volume => session.candidates(volume))?;
+    let warnings = session.warnings;
+    let record = RunRecord {
+        format: FORMAT,
+        program: Program::THIS,
+        inputs: Inputs {
+            plan_sha256: ready.sha256.clone(),
+            ct: ct.record.clone(),
+        },
+        plan: PlanRecord::new(plan, ct.volume.grid()),
+        candidates,
+    };
+    drop::<Ct>(ct);
+    clock.time(Phase::Publish, None, || write_tables(&mut staging, &record))?;
+    let timings = clock.timings(&plan.name);
+    write_json(&staging.begin("timings.json")?, &timings)?;
+    // Last, so that a folder with a record is a finished run.
+    write_json(&staging.begin("run.json")?, &record)?;
+    staging.publish()?;
+    clock.tell(&Event::PlanFinished);
+    Ok(RunReport {
+        folder,
+        record,
+        timings,
+        warnings,
+    })
+}
+
+/// The phases that a plan takes, in order.
+pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
+    let mut phases = vec![(Phase::Read, None), (Phase::Measure, None)];
+    for candidate in &plan.candidates {
+        for stage in &candidate.stages {
+            let place = Place {
+                candidate: &candidate.name,
+                stage: &stage.name,
+            };
+            let halves = plan.morph.model == Model::Lee2001 && plan.morph.scale == Scale::Half;
+            let of_stage = [
+                (Phase::Half, halves),
+                (Phase::Morph, true),
+                (Phase::Upsample, halves),
+                (Phase::Audit, true),
+                (Phase::Compare, compares(plan)),
+                (Phase::Measure, true),
+                (Phase::WriteVolume, plan.outputs.volume),
+                (Phase::WriteDisplacement, plan.outputs.displacement),
+            ];
+            let wanted = of_stage.into_iter().filter(|(_, wanted)| *wanted);
+            phases.extend(wanted.map(|(phase, _)| (phase, Some(place))));
+        }
+    }
+    phases.push((Phase::Publish, None));
+    phases
+}
+
+/// The folder of a stage's own outputs within the plan's: `<candidate>/<NN>-<stage>`.
+pub fn stage_folder(candidate: &Candidate, place: usize) -> PathBuf {
+    let name = candidate
+        .stages
+        .get(place)
+        .map_or("", |stage| stage.name.as_str());
+    Path::new(&candidate.name).join(format!("{:02}-{name}", place + 1))
+}
+
+fn compares(plan: &Plan) -> bool {
+    plan.morph.compare_exact && plan.morph.method != Method::Exact
+}
+
+struct Session<'a, 'b> {
+    plan: &'a Plan,
+    template: &'a Template,
+    staging: &'a mut Staging,
+    clock: &'a mut Clock<'b>,
+    warnings: Vec<String>,
+}
+
+impl Session<'_, '_> {
+    fn warn(&mut self, warning: String) {
+        self.clock.tell(&Event::Warning(warning.clone()));
+        self.warnings.push(warning);
+    }
+
+    fn candidates<T: Sample>(
+        &mut self,
+        preoperative: &Volume<T>,
+    ) -> Result<Vec<CandidateRecord>, RunError> {
+        let plan = self.plan;
+        let measures = self
+            .clock
+            .time(Phase::Measure, None, || {
+                measure(plan, preoperative, plan.f1, plan.f1)
+            })
+            .map_err(RunError::Preoperative)?;
+        let start = StageRecord {
+            name: PREOPERATIVE.to_owned(),
+            operation: None,
+            measures,
+            warp: WarpAudit::IDENTITY,
+            folded: false,
+            adaptive_error: None,
+        };
+        let candidates = plan.candidates.iter();
+        candidates
+            .map(|candidate| self.candidate(candidate, preoperative, start.clone()))
+            .collect()
+    }
+
+    fn candidate<T: Sample>(
+        &mut self,
+        candidate: &Candidate,
+        preoperative: &Volume<T>,
+        start: StageRecord,
+    ) -> Result<CandidateRecord, RunError> {
+        let mut stages = vec![start];
+        let mut before: Option<Volume<T>> = None;
+        for place in 0..candidate.stages.len() {
+            let source = before.as_ref().unwrap_or(preoperative);
+            let (volume, record) = self.stage(candidate, place, preoperative, source)?;
+            stages.push(record);
+            // Only `lee2001` samples the volume of the stage before.
+            before = (self.plan.morph.model == Model::Lee2001).then_some(volume);
+        }
+        Ok(CandidateRecord {
+            name: candidate.name.clone(),
+            title: candidate.title.clone(),
+            stages,
+        })
+    }
+
+    fn stage<T: Sample>(
+        &mut self,
+        candidate: &Candidate,
+        place: usize,
+        preoperative: &Volume<T>,
+        before: &Volume<T>,
+    ) -> Result<(Volume<T>, StageRecord), RunError> {
+        let plan = self.plan;
+        let stage = &candidate.stages[place];
+        let at = Place {
+            candidate: &candidate.name,
+            stage: &stage.name,
+        };
+        let operation = Operation::new(plan, candidate, place, preoperative.grid())?;
+        let volume = operation.volume(preoperative, before, at, self.clock)?;
+        let warp = self
+            .clock
+            .time(Phase::Audit, Some(at), || operation.audit());
+        let folded = warp.jacobian_min <= 0.0;
+        if folded {
+            self.warn(format!(
+                "candidate `{}`, stage `{}`: the map is folded (smallest Jacobian determinant {:.3})",
+                at.candidate, at.stage, warp.jacobian_min
+            ));
+        }
+        let adaptive_error = if compares(plan) {
+            let compare = || operation.adaptive_error(preoperative, before);
+            Some(self.clock.time(Phase::Compare, Some(at), compare)?)
+        } else {
+            None
+        };
+        let measures = self
+            .clock
+            .time(Phase::Measure, Some(at), || {
+                measure(plan, &volume, stage.source, stage.target)
+            })
+            .map_err(|source| RunError::Measure {
+                at: At {
+                    candidate: candidate.name.clone(),
+                    stage: stage.name.clone(),
+                },
+                source,
+            })?;
+        self.write(&operation, &volume, &stage_folder(candidate, place), at)?;
+        let record = StageRecord {
+            name: stage.name.clone(),
+            operation: Some(OperationRecord {
+                edits: stage.edits.clone(),
+                source_mm: stage.source,
+                target_mm: stage.target,
+                width: stage.width,
+            }),
+            measures,
+            warp,
+            folded,
+            adaptive_error,
+        };
+        Ok((volume, record))
+    }
+
+    fn write<T: Sample>(
+        &mut self,
+        operation: &Operation,
+        volume: &Volume<T>,
+        folder: &Path,
+        at: Place<'_>,
+    ) -> Result<(), RunError> {
+        let outputs = self.plan.outputs;
+        if outputs.volume {
+            let path = self.staging.begin(folder.join("volume.nii.gz"))?;
+            self.clock.time(Phase::WriteVolume, Some(at), || {
+                save_volume(&path, self.template, volume)
+            })?;
+        }
+        if outputs.displacement {
+            let path = self.staging.begin(folder.join("displacement.nii.gz"))?;
+            let grid: &Grid = volume.grid();
+            self.clock.time(Phase::WriteDisplacement, Some(at), || {
+                let field = operation.displacement()?;
+                save_displacement(&path, self.template, |component, slab, to| {
+                    fill_component(&field, grid, component, slab.start, to);
+                })?;
+                Ok::<(), RunError>(())
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// The measures of a volume whose f1 ends at `after`'s tip and ended at `before`'s.
+fn measure<T: Sample>(
+    plan: &Plan,
+    volume: &Volume<T>,
+    before: FeatureLine,
+    after: FeatureLine,
+) -> Result<Measures, MeasureError> {
+    let grid = volume.grid();
+    let mut landmarks = plan.landmarks;
+    landmarks.tip = after.tip;
+    let geometry = NoseGeometry::new(&landmarks)?;
+    let slabs = Slabs::new(&plan.landmarks)?;
+    let regions = region_volumes(volume, &slabs, plan.segment.skin_hu)?;
+    let voxel = |point: GridPoint| grid.grid_to_index(point);
+    Ok(Measures {
+        volume_mm3: regions.0,
+        volume_total_mm3: regions.total(),
+        gamma_deg: geometry.gamma_deg,
+        height_mm: geometry.height_mm,
+        tip_voxel: voxel(after.tip),
+        move_voxel: (voxel(after.tip).0 - voxel(before.tip).0).to_array(),
+        move_mm: after.tip - before.tip,
+    })
+}
+
+fn write_tables(staging: &mut Staging, record: &RunRecord) -> Result<(), RunError> {
+    let mut table = Artifact::create(staging.begin("measurements.csv")?)?;
+    csv::write(&mut table, record)?;
+    table.commit()?;
+    write_text(&staging.begin("table.md")?, &markdown::tables(record))
+}
+
+fn write_json(path: &Path, what: &impl Serialize) -> Result<(), RunError> {
+    let mut text = serde_json::to_string_pretty(what)?;
+    text.push('\n');
+    write_text(path, &text)
+}
+
+fn write_text(path: &Path, text: &str) -> Result<(), RunError> {
+    fs::write(path, text).map_err(|source| {
+        ArtifactError {
+            path: path.to_owned(),
+            action: "write",
+            source,
+        }
+        .into()
+    })
+}

@@ -1,0 +1,7 @@
+//! What a run found, as data and as tables. Nothing here computes a measure.
+//!
+//! [`record`] is what everything else is written from; [`csv`] and [`markdown`] are two views of it.
+
+pub mod csv;
+pub mod markdown;
+pub mod record;

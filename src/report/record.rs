@@ -1,0 +1,205 @@
+//! `run.json`: everything that went into a run and everything that it measured.
+//!
+//! No date, no duration, no path and nothing of a scan's header text: the same plan on the same CT gives
+//! the same bytes on every machine, and nothing in them names the patient.
+
+use serde::Serialize;
+
+use crate::feature::{Cage, Edit, FeatureLine, Landmarks};
+use crate::measure::{REGION_NAMES, REGIONS};
+use crate::morph::audit::{FieldDifference, WarpAudit};
+use crate::plan::{Morph, Outputs, Plan, Segment};
+use crate::space::{ContinuousIndex, Grid, GridPoint, GridVector};
+use crate::volume::SampleType;
+
+/// The version of this record's layout.
+pub const FORMAT: u32 = 1;
+
+/// The name of the first row of every candidate: the nose as it is.
+pub const PREOPERATIVE: &str = "preoperative";
+
+/// A whole run of one plan.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunRecord {
+    /// [`FORMAT`].
+    pub format: u32,
+    /// What computed it.
+    pub program: Program,
+    /// What went in.
+    pub inputs: Inputs,
+    /// The plan with every default filled in and every unit resolved.
+    pub plan: PlanRecord,
+    /// What came out.
+    pub candidates: Vec<CandidateRecord>,
+}
+
+/// This program.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Program {
+    /// `rhinoplan`.
+    pub name: &'static str,
+    /// Its version.
+    pub version: &'static str,
+}
+
+impl Program {
+    /// This program, as it was built.
+    pub const THIS: Self = Self {
+        name: env!("CARGO_PKG_NAME"),
+        version: env!("CARGO_PKG_VERSION"),
+    };
+}
+
+/// The files that went into a run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Inputs {
+    /// SHA-256 of the plan file's bytes, hexadecimal.
+    pub plan_sha256: String,
+    /// The CT.
+    pub ct: CtRecord,
+}
+
+/// The CT that a run read.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CtRecord {
+    /// `nifti`, or `phantom` with its name.
+    pub source: &'static str,
+    /// The built-in phantom's name.
+    pub phantom: Option<&'static str>,
+    /// SHA-256 of the file's bytes; of a phantom's samples, little endian, x fastest. Hexadecimal.
+    pub sha256: String,
+    /// The type that samples are stored in.
+    pub sample_type: SampleType,
+    /// HU for each stored step.
+    pub slope: f64,
+    /// HU of a stored zero.
+    pub intercept: f64,
+    /// How the file stores its axes, as nibabel names it; a phantom is in LPS order.
+    pub stored_orientation: String,
+    /// Size, spacing, position, in LPS order, mm.
+    pub grid: Grid,
+    /// Smallest and largest sample, HU.
+    pub hu_range: [f64; 2],
+}
+
+/// The plan as it ran. Positions are in grid millimetres: index × spacing per axis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "the plan's own fields")]
+pub struct PlanRecord {
+    pub name: String,
+    pub title: Option<String>,
+    pub landmarks_mm: Landmarks<GridPoint>,
+    pub landmarks_voxel: Landmarks<ContinuousIndex>,
+    pub cage_mm: Cage,
+    pub cage_depth_mm: f64,
+    pub f1_mm: FeatureLine,
+    pub segment: Segment,
+    pub morph: Morph,
+    pub outputs: Outputs,
+}
+
+impl PlanRecord {
+    /// What `plan` says, on the grid it was resolved for.
+    pub fn new(plan: &Plan, grid: &Grid) -> Self {
+        Self {
+            name: plan.name.clone(),
+            title: plan.title.clone(),
+            landmarks_mm: plan.landmarks,
+            landmarks_voxel: plan.landmarks.map(|point| grid.grid_to_index(point)),
+            cage_mm: Cage::new(&plan.landmarks, plan.cage_depth_mm),
+            cage_depth_mm: plan.cage_depth_mm,
+            f1_mm: plan.f1,
+            segment: plan.segment,
+            morph: plan.morph,
+            outputs: plan.outputs,
+        }
+    }
+}
+
+/// One candidate nose.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CandidateRecord {
+    /// Its name in the plan.
+    pub name: String,
+    /// Its title in the plan.
+    pub title: Option<String>,
+    /// The nose as it is, then each stage.
+    pub stages: Vec<StageRecord>,
+}
+
+/// The nose after a stage, or before the first.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StageRecord {
+    /// [`PREOPERATIVE`], or the stage's name in the plan.
+    pub name: String,
+    /// What the stage does to f1; nothing before the first.
+    pub operation: Option<OperationRecord>,
+    /// What was measured.
+    pub measures: Measures,
+    /// How the map that made it behaves; the identity before the first stage.
+    pub warp: WarpAudit,
+    /// Whether the map is folded somewhere: its smallest Jacobian determinant is not positive.
+    pub folded: bool,
+    /// How far the adaptive evaluation is from the exact one, where the plan asks for it.
+    pub adaptive_error: Option<FieldDifference>,
+}
+
+/// What a stage does.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct OperationRecord {
+    /// The edits, resolved to grid mm and degrees.
+    pub edits: Vec<Edit>,
+    /// f1 as the stage found it, grid mm.
+    pub source_mm: FeatureLine,
+    /// f1 as it leaves it, grid mm.
+    pub target_mm: FeatureLine,
+    /// Product of the width factors.
+    pub width: f64,
+}
+
+/// The measures of method section 6.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Measures {
+    /// Tissue of the regions A..K, mm³.
+    pub volume_mm3: [f64; REGIONS],
+    /// Their sum, mm³.
+    pub volume_total_mm3: f64,
+    /// Angle P2-P5-P1 at the tip, degrees.
+    pub gamma_deg: f64,
+    /// Distance from the tip to the base plane, mm.
+    pub height_mm: f64,
+    /// The tip (pronasale, the end of f1), voxels in LPS order.
+    pub tip_voxel: ContinuousIndex,
+    /// Movement of the tip since the stage before, voxels (the paper's V).
+    pub move_voxel: [f64; 3],
+    /// The same in grid mm.
+    pub move_mm: GridVector,
+}
+
+impl StageRecord {
+    /// Every measure by its name in `measurements.csv`, with its unit, in the order of that file.
+    pub fn named_measures(&self) -> Vec<(String, f64, &'static str)> {
+        let measures = &self.measures;
+        let mut named: Vec<_> = REGION_NAMES
+            .iter()
+            .zip(measures.volume_mm3)
+            .map(|(name, volume)| (format!("volume_{name}"), volume, "mm3"))
+            .collect();
+        let mut add = |name: &str, value: f64, unit| named.push((name.to_owned(), value, unit));
+        add("volume_total", measures.volume_total_mm3, "mm3");
+        add("gamma", measures.gamma_deg, "deg");
+        add("height", measures.height_mm, "mm");
+        for (axis, value) in ["x", "y", "z"].iter().zip(measures.tip_voxel.to_array()) {
+            add(&format!("tip_{axis}"), value, "voxel");
+        }
+        for (axis, value) in ["x", "y", "z"].iter().zip(measures.move_voxel) {
+            add(&format!("move_{axis}"), value, "voxel");
+        }
+        let warp = &self.warp;
+        add("jacobian_min", warp.jacobian_min, "1");
+        add("displacement_max", warp.displacement_max_mm, "mm");
+        let outside = warp.displacement_max_outside_mm;
+        add("displacement_max_outside", outside, "mm");
+        named
+    }
+}
