@@ -318,3 +318,57 @@ pub(super) fn spline<S: Scalar>(controls: &[f64], t: S) -> S {
     let w3 = u2 * u;
     (w0 * control(-1.0) + w1 * control(0.0) + w2 * control(1.0) + w3 * control(2.0)) * (1.0 / 6.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sphere_and_a_capsule_are_true_distances() {
+        let p = [3.0, -4.0, 12.0];
+        let ball = ellipsoid(p, [0.0; 3], [5.0; 3]);
+        assert!((ball - 8.0).abs() < 1e-12, "{ball}");
+        let tube = capsule(p, ([3.0, 0.0, 0.0], 1.0), ([3.0, 0.0, 20.0], 1.0));
+        assert!((tube - 3.0).abs() < 1e-12, "{tube}");
+        let end = capsule(p, ([3.0, -4.0, 0.0], 1.0), ([3.0, -4.0, 10.0], 0.5));
+        assert!((end - 1.5).abs() < 1e-12, "{end}");
+        let slab = rounded_box(p, [0.0; 3], [3.0, 1.0, 8.0], 0.5);
+        assert!((slab - 4.5).abs() < 1e-12, "{slab}");
+    }
+
+    #[test]
+    fn an_ellipsoid_is_zero_with_slope_one_on_its_surface() {
+        let radii = [9.0, 4.0, 6.0];
+        let direction = DVec3::new(0.5, -0.7, 0.4).normalize();
+        let on = direction * DVec3::from_array(radii);
+        let field = ellipsoid(Dual::coordinates(on), [0.0; 3], radii);
+        assert!(field.value.abs() < 1e-12);
+        assert!((field.gradient.length() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_union_is_the_nearer_body_and_full_where_they_meet() {
+        assert_eq!(union(1.0, 4.0, 3.0), 1.0);
+        assert_eq!(union(4.0, 1.0, 3.0), 1.0);
+        assert!((union(2.0, 2.0, 3.0) - 1.5).abs() < 1e-15);
+        assert!((intersection(2.0, 2.0, 3.0) - 2.5).abs() < 1e-15);
+        assert_eq!(without(-5.0, 3.0, 1.0), -3.0);
+    }
+
+    #[test]
+    fn a_straight_row_of_controls_is_a_straight_line() {
+        let controls: Vec<f64> = (0..8).map(|n| 2.0 - 0.5 * f64::from(n)).collect();
+        for t in [1.0, 1.25, 3.9, 6.0] {
+            assert!((spline(&controls, t) - (2.0 - 0.5 * t)).abs() < 1e-12);
+        }
+        assert_eq!(spline(&controls, -3.0), spline(&controls, 0.0));
+        assert_eq!(spline(&controls, 99.0), spline(&controls, 7.0));
+    }
+
+    #[test]
+    fn a_bend_is_a_parabola_near_and_straight_far_away() {
+        assert!((bend(0.01, 0.05, 0.7) - 0.025 * 1e-4).abs() < 1e-9);
+        let slope = bend(1001.0, 0.05, 0.7) - bend(1000.0, 0.05, 0.7);
+        assert!((slope - 0.7).abs() < 1e-3);
+    }
+}

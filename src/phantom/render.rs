@@ -21,7 +21,7 @@ const SMALL_TILE: [usize; 3] = [4, 4, 2];
 const EDGE_REACH: f64 = 4.5;
 /// No field changes faster than this from point to point near its surface, mm per mm (a test samples the
 /// gradients, another compares with the plain rendering).
-const STEEPEST: f64 = 2.0;
+pub(super) const STEEPEST: f64 = 2.0;
 /// A field beyond this is beyond [`EDGE_REACH`], mm.
 const FIELD_REACH: f64 = STEEPEST * EDGE_REACH * EDGE_SIGMA_MM;
 /// The least value that a scanner stores.
@@ -320,5 +320,130 @@ fn edge(depth: f64) -> f64 {
         0.0
     } else {
         0.5 * libm::erfc(-sigmas * std::f64::consts::FRAC_1_SQRT_2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sha2::{Digest, Sha256};
+
+    use super::*;
+
+    /// A coarse grid over the default extent.
+    fn coarse() -> Grid {
+        Grid::axis_aligned([71, 71, 76], [2.0, 2.0, 2.0]).unwrap()
+    }
+
+    fn sha256(volume: &Volume<i16>) -> String {
+        let bytes: Vec<u8> = volume
+            .as_slice()
+            .iter()
+            .flat_map(|sample| sample.to_le_bytes())
+            .collect();
+        let digest = Sha256::digest(&bytes);
+        digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    #[test]
+    fn tiles_give_what_the_plain_rendering_gives() {
+        let head = Phantom::lee2001().without_noise();
+        for (dims, spacing) in [
+            ([142, 142, 151], [1.0, 1.0, 1.0]),
+            ([47, 71, 30], [3.0, 2.0, 5.0]),
+            // The default grid's voxels, every slice of the nose.
+            ([320, 130, 80], [0.442, 0.442, 1.0]),
+        ] {
+            let grid = Grid::axis_aligned(dims, spacing).unwrap();
+            let tiled = head.render_with(&grid, true).unwrap();
+            let plain = head.render_with(&grid, false).unwrap();
+            let differing = tiled
+                .as_slice()
+                .iter()
+                .zip(plain.as_slice())
+                .filter(|(t, p)| t != p)
+                .count();
+            assert_eq!(differing, 0, "of {} at {spacing:?}", grid.len());
+            let (low, high) = plain.hu_range();
+            assert!(low == AIR_HU && high >= BONE_HU, "not a constant volume");
+        }
+    }
+
+    #[test]
+    fn materials_are_constant_away_from_edges() {
+        let grid = coarse();
+        let head = Phantom::lee2001().without_noise();
+        let volume = head.render(&grid).unwrap();
+        let hu = |at: [usize; 3]| volume.samples()[[at[2], at[1], at[0]]];
+        assert_eq!(hu([0, 0, 0]), -1000);
+        assert_eq!(hu([70, 70, 75]), -1000);
+        assert_eq!(hu([31, 42, 24]), -1000, "the windpipe");
+        assert_eq!(hu([31, 44, 49]), 35, "the brain");
+        assert_eq!(hu([31, 50, 10]), 900, "the spine");
+        // The cheek, between skin and bone.
+        assert_eq!(hu([22, 22, 33]), 0, "soft tissue");
+    }
+
+    #[test]
+    fn the_skin_is_half_way_between_air_and_tissue() {
+        let head = Phantom::lee2001().without_noise();
+        let grid = Phantom::default_grid().unwrap();
+        let volume = head.render(&grid).unwrap();
+        let mut compared = 0;
+        for z in (54..79).map(|z| z as usize) {
+            for y in 20..84 {
+                for x in 80..200 {
+                    let hu = f64::from(volume.samples()[[z, y, x]]);
+                    let point = position(&grid, [x, y, z]);
+                    let depth = head.tissue_depth(crate::space::GridPoint(point));
+                    if depth.abs() < 0.05 {
+                        compared += 1;
+                        // 0.05 mm is 0.1 σ: 40 HU of the edge's 1000.
+                        assert!((hu + 500.0).abs() < 41.0, "{hu} at {depth} mm");
+                    }
+                    assert!((hu >= -500.0) == (depth >= 0.0) || depth.abs() < 2e-3);
+                }
+            }
+        }
+        assert!(compared > 200, "{compared}");
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_pinned_bytes() {
+        /// Of the samples, little-endian, on [`coarse`]. It changes with the shape, and only with it.
+        const PINNED: &str = "a6aa24a8ffe16b505d21e0f9f586736a0bf37cf5423fd1cded9a694d45b1ad34";
+        let grid = coarse();
+        let render = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap()
+                .install(|| Phantom::lee2001().render(&grid).unwrap())
+        };
+        let one = render(1);
+        assert_eq!(one, render(2));
+        assert_eq!(one, render(4));
+        assert_eq!(sha256(&one), PINNED);
+    }
+
+    #[test]
+    fn noise_is_ten_hu_on_everything_and_clamped() {
+        let grid = coarse();
+        let head = Phantom::lee2001();
+        let noisy = head.render(&grid).unwrap();
+        let clean = head.without_noise().render(&grid).unwrap();
+        let pairs = || noisy.as_slice().iter().zip(clean.as_slice());
+        let differences: Vec<f64> = pairs()
+            .filter(|(_, c)| **c > -900)
+            .map(|(n, c)| f64::from(*n) - f64::from(*c))
+            .collect();
+        let count = differences.len() as f64;
+        let mean = differences.iter().sum::<f64>() / count;
+        let spread = (differences.iter().map(|d| d * d).sum::<f64>() / count).sqrt();
+        assert!(
+            mean.abs() < 0.15 && (spread - 10.0).abs() < 0.15,
+            "{mean} {spread}"
+        );
+        let least = noisy.as_slice().iter().min().unwrap();
+        assert_eq!(*least, LEAST_HU as i16);
     }
 }
