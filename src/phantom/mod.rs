@@ -5,6 +5,7 @@
 //! rendered on any grid ([`render`]), measured by quadrature ([`truth`]) and compared. What it is made
 //! of and how near it comes to the paper's Table I: `docs/phantom.md`.
 
+mod chain;
 mod noise;
 mod primitives;
 mod render;

@@ -5,8 +5,8 @@ use rand_chacha::rand_core::{RngCore, SeedableRng};
 
 /// Standard deviation, HU.
 pub(super) const SIGMA_HU: f64 = 10.0;
-/// The year of the paper and its grid.
-const SEED: u64 = 2001_320_151;
+/// Any number would do: the year of the paper and its grid.
+const SEED: u64 = 2_001_320_320_151;
 /// 16-bit uniform numbers summed for one value.
 const TERMS: u32 = 8;
 

@@ -205,21 +205,23 @@ pub(super) fn soft_abs<S: Scalar>(value: S, width: f64) -> S {
     (value.square() + width * width).sqrt()
 }
 
-/// An ellipsoid with its axes along x, y and z.
-///
-/// Near the surface k₀(k₀ − 1)/k₁ with k₀ = |p/r|, k₁ = |p/r²| is a first-order distance; deep inside
-/// that runs away, so it stops at the smallest radius.
+/// How deep in an ellipsoid its field goes on falling, as a share of its smallest radius. Further in,
+/// the field below would change faster and faster.
+const DEEPEST: f64 = 0.6;
+
+/// An ellipsoid with its axes along x, y and z: k₀(k₀ − 1)/k₁ with k₀ = |p/r|, k₁ = |p/r²|, which near the
+/// surface is the distance to first order.
 #[inline]
 pub(super) fn ellipsoid<S: Scalar>(p: Point<S>, centre: Constants, radii: Constants) -> S {
     let scaled = |axis: usize| (p[axis] - centre[axis]) * (1.0 / radii[axis]);
     let (x, y, z) = (scaled(0), scaled(1), scaled(2));
     let k0 = (x.square() + y.square() + z.square()).sqrt();
-    let slope = |value: S, axis: usize| (value * (1.0 / radii[axis])).square();
-    let k1 = (slope(x, 0) + slope(y, 1) + slope(z, 2)).sqrt();
-    let deepest = S::constant(-radii[0].min(radii[1]).min(radii[2]));
-    if k0.value() < 0.05 {
+    let deepest = S::constant(-DEEPEST * radii[0].min(radii[1]).min(radii[2]));
+    if k0.value() < 1.0 - DEEPEST {
         return deepest;
     }
+    let slope = |value: S, axis: usize| (value * (1.0 / radii[axis])).square();
+    let k1 = (slope(x, 0) + slope(y, 1) + slope(z, 2)).sqrt();
     (k0 * (k0 - 1.0)).over(k1).larger(deepest)
 }
 
@@ -229,12 +231,20 @@ pub(super) fn ellipsoid<S: Scalar>(p: Point<S>, centre: Constants, radii: Consta
 pub(super) fn ellipse<S: Scalar>(x: S, y: S, rx: S, ry: S) -> S {
     let (sx, sy) = (x.over(rx), y.over(ry));
     let k0 = (sx.square() + sy.square()).sqrt();
-    let deepest = -(if rx.value() < ry.value() { rx } else { ry });
-    if k0.value() < 0.05 {
+    let deepest = (if rx.value() < ry.value() { rx } else { ry }) * -DEEPEST;
+    if k0.value() < 1.0 - DEEPEST {
         return deepest;
     }
     let k1 = (sx.over(rx).square() + sy.over(ry).square()).sqrt();
     (k0 * (k0 - 1.0)).over(k1).larger(deepest)
+}
+
+/// `curvature`/2 · value² near 0, going over into straight arms of slope `slope`: a bend that stays
+/// gentle far away.
+#[inline]
+pub(super) fn bend<S: Scalar>(value: S, curvature: f64, slope: f64) -> S {
+    let width = slope / curvature;
+    (soft_abs(value, width) - width) * slope
 }
 
 /// A segment swept by a ball whose radius goes evenly from `ra` at `a` to `rb` at `b`.
@@ -257,6 +267,29 @@ pub(super) fn capsule<S: Scalar>(
     let off = |axis: usize| (from_a[axis] - t * along[axis]).square();
     let distance = (off(0) + off(1) + off(2)).sqrt();
     distance - (t * (rb - ra) + ra)
+}
+
+/// A box with its edges along x, y and z and rounded by a ball of `radius`: `half` is half its size
+/// before rounding.
+#[inline]
+pub(super) fn rounded_box<S: Scalar>(
+    p: Point<S>,
+    centre: Constants,
+    half: Constants,
+    radius: f64,
+) -> S {
+    let beyond = |axis: usize| {
+        let off = p[axis] - centre[axis];
+        off.larger(-off) - half[axis]
+    };
+    let (x, y, z) = (beyond(0), beyond(1), beyond(2));
+    let most = x.larger(y).larger(z);
+    if most.value() <= 0.0 {
+        return most - radius;
+    }
+    let zero = S::constant(0.0);
+    let squares = x.larger(zero).square() + y.larger(zero).square() + z.larger(zero).square();
+    squares.sqrt() - radius
 }
 
 /// A uniform cubic B-spline of `controls`, control `n` at parameter `n`; constant beyond its ends.

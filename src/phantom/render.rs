@@ -1,10 +1,12 @@
 //! The head as a volume.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
+use super::chain::Steps;
 use super::noise::SliceNoise;
 use super::primitives::Dual;
-use super::shape::{bone, brain_field, tissue};
+use super::shape::{BONE, COVER_ROUNDING, TISSUE, brain, cover, covered};
 use super::{AIR_HU, BONE_HU, BRAIN_HU, EDGE_SIGMA_MM, Phantom, TISSUE_HU, depth};
 use crate::space::{ContinuousIndex, Grid};
 use crate::volume::{Rescale, Volume, VolumeError};
@@ -12,12 +14,16 @@ use crate::volume::{Rescale, Volume, VolumeError};
 /// Slices that one task renders.
 const SLICES: usize = 4;
 /// Voxels along x and y of the tiles that are decided as a whole where no surface is near.
-const TILE: usize = 8;
-/// Beyond so many sigmas an edge is 0 or 1 (to 1e-9).
-const EDGE_REACH: f64 = 6.0;
-/// No field changes faster than this from point to point, mm per mm (a test compares with the plain
-/// rendering).
-const STEEPEST: f64 = 1.5;
+const TILE: usize = 16;
+/// Voxels along x, y and z of the smaller tiles that the others are cut into.
+const SMALL_TILE: [usize; 3] = [4, 4, 2];
+/// Beyond so many sigmas an edge is taken as 0 or 1: there it is within 3.4e-6 of that, 0.003 HU.
+const EDGE_REACH: f64 = 4.5;
+/// No field changes faster than this from point to point near its surface, mm per mm (a test samples the
+/// gradients, another compares with the plain rendering).
+const STEEPEST: f64 = 2.0;
+/// A field beyond this is beyond [`EDGE_REACH`], mm.
+const FIELD_REACH: f64 = STEEPEST * EDGE_REACH * EDGE_SIGMA_MM;
 /// The least value that a scanner stores.
 const LEAST_HU: f64 = -1024.0;
 
@@ -75,45 +81,107 @@ fn store(values: &[f32], out: &mut [i16], noise: Option<SliceNoise>) {
     }
 }
 
+/// Voxels [low, high) of an axis-aligned block.
+#[derive(Clone, Copy)]
+struct Block {
+    low: [usize; 3],
+    high: [usize; 3],
+}
+
+impl Block {
+    /// The blocks of at most `size` voxels that this one is cut into.
+    fn cut(self, size: [usize; 3]) -> impl Iterator<Item = Self> {
+        let starts = move |axis: usize| (self.low[axis]..self.high[axis]).step_by(size[axis]);
+        starts(2).flat_map(move |z| {
+            starts(1).flat_map(move |y| {
+                starts(0).map(move |x| {
+                    let low = [x, y, z];
+                    let end = |axis: usize| (low[axis] + size[axis]).min(self.high[axis]);
+                    Self {
+                        low,
+                        high: [end(0), end(1), end(2)],
+                    }
+                })
+            })
+        })
+    }
+
+    /// The ball around the voxel centres: its centre and its radius, grid millimetres.
+    fn ball(self, grid: &Grid) -> (DVec3, f64) {
+        let low = position(grid, self.low);
+        let high = position(grid, self.high.map(|end| end - 1));
+        ((low + high) * 0.5, (high - low).length() * 0.5)
+    }
+}
+
+/// A voxel's centre, grid millimetres.
+fn position(grid: &Grid, index: [usize; 3]) -> DVec3 {
+    let [x, y, z] = index.map(|at| at as f64);
+    grid.index_to_grid(ContinuousIndex::new(x, y, z)).0
+}
+
 /// HU of the slices from `first` on that `values` has room for.
 fn render_slices(grid: &Grid, first: usize, values: &mut [f32], tiles: bool) {
     let [nx, ny, _] = grid.dims();
-    let slices = values.len() / (nx * ny);
-    for y0 in (0..ny).step_by(TILE) {
-        for x0 in (0..nx).step_by(TILE) {
-            let (x1, y1) = ((x0 + TILE).min(nx), (y0 + TILE).min(ny));
-            let low = ContinuousIndex::new(x0 as f64, y0 as f64, first as f64);
-            let high = ContinuousIndex::new(
-                (x1 - 1) as f64,
-                (y1 - 1) as f64,
-                (first + slices - 1) as f64,
-            );
-            let (low, high) = (grid.index_to_grid(low).0, grid.index_to_grid(high).0);
-            let parts = if tiles {
-                Parts::near((low + high) * 0.5, (high - low).length() * 0.5)
-            } else {
-                Parts::ALL
-            };
-            for z in 0..slices {
-                for y in y0..y1 {
-                    let start = (z * ny + y) * nx;
-                    let row = &mut values[start + x0..start + x1];
-                    if let Some(hu) = parts.same_everywhere() {
-                        row.fill(hu as f32);
-                        continue;
-                    }
-                    for (offset, value) in row.iter_mut().enumerate() {
-                        let index = ContinuousIndex::new(
-                            (x0 + offset) as f64,
-                            y as f64,
-                            (first + z) as f64,
-                        );
-                        *value = parts.hu(grid.index_to_grid(index).0) as f32;
+    let whole = Block {
+        low: [0, 0, first],
+        high: [nx, ny, first + values.len() / (nx * ny)],
+    };
+    let mut fill = |block: Block, content: &Content| {
+        for z in block.low[2]..block.high[2] {
+            for y in block.low[1]..block.high[1] {
+                let row = ((z - first) * ny + y) * nx;
+                let row = &mut values[row + block.low[0]..row + block.high[0]];
+                match content {
+                    Content::Even(hu) => row.fill(*hu as f32),
+                    Content::Mixed(parts) => {
+                        for (x, value) in (block.low[0]..).zip(row) {
+                            *value = parts.hu(position(grid, [x, y, z])) as f32;
+                        }
                     }
                 }
             }
         }
+    };
+    if !tiles {
+        fill(whole, &Content::Mixed(Parts::ALL));
+        return;
     }
+    for tile in whole.cut([TILE, TILE, SLICES]) {
+        let content = Content::of(&tile, grid, &Needed::ALL);
+        let Content::Mixed(parts) = &content else {
+            fill(tile, &content);
+            continue;
+        };
+        for small in tile.cut(SMALL_TILE) {
+            fill(small, &Content::of(&small, grid, &parts.needed));
+        }
+    }
+}
+
+/// What a tile holds.
+enum Content {
+    /// The same HU in every voxel.
+    Even(f64),
+    /// At least one edge.
+    Mixed(Parts),
+}
+
+/// What the fields of a tile depend on.
+#[derive(Clone, Copy)]
+struct Needed {
+    tissue: Steps,
+    bone: Steps,
+    /// Whether the bone's cover cuts it anywhere.
+    cover: bool,
+}
+
+impl Needed {
+    const ALL: Self = Self {
+        tissue: TISSUE.whole(),
+        bone: BONE.whole(),
+        cover: true,
+    };
 }
 
 /// How much of a material there is in a tile.
@@ -121,87 +189,117 @@ fn render_slices(grid: &Grid, first: usize, values: &mut [f32], tiles: bool) {
 enum Share {
     None,
     All,
-    /// Its edge comes through: ask at every voxel.
+    /// Its edge comes through: to be asked at every voxel.
     Varies,
 }
 
-/// What a tile is made of.
+/// The materials of a tile.
 struct Parts {
     tissue: Share,
     bone: Share,
     brain: Share,
+    needed: Needed,
+}
+
+impl Content {
+    /// Of a tile in which only `steps` matter.
+    fn of(tile: &Block, grid: &Grid, steps: &Needed) -> Self {
+        let (centre, radius) = tile.ball(grid);
+        let at = centre.to_array();
+        let slack = STEEPEST * radius;
+        let (tissue, tissue_steps) = TISSUE.near(steps.tissue, at, slack);
+        if tissue > slack + FIELD_REACH {
+            return Self::Even(mix(0.0, 0.0, 0.0));
+        }
+        let (bone, bone_steps) = BONE.near(steps.bone, at, slack);
+        let cover_is_far = bone - cover(tissue) > COVER_ROUNDING + 2.0 * slack;
+        let parts = Parts {
+            tissue: Share::near(tissue, slack),
+            bone: Share::near(covered(bone, tissue), slack),
+            brain: Share::near(brain(at), slack),
+            needed: Needed {
+                tissue: tissue_steps,
+                bone: bone_steps,
+                cover: !cover_is_far,
+            },
+        };
+        match (parts.tissue.even(), parts.bone.even(), parts.brain.even()) {
+            (Some(tissue), Some(bone), Some(brain)) => Self::Even(mix(tissue, bone, brain)),
+            _ => Self::Mixed(parts),
+        }
+    }
+}
+
+impl Share {
+    /// Where the material's field is up to `slack` from `field`.
+    fn near(field: f64, slack: f64) -> Self {
+        if field > slack + FIELD_REACH {
+            Self::None
+        } else if field < -slack - FIELD_REACH {
+            Self::All
+        } else {
+            Self::Varies
+        }
+    }
+
+    /// The share as a number, where it is the same everywhere.
+    fn even(self) -> Option<f64> {
+        match self {
+            Self::None => Some(0.0),
+            Self::All => Some(1.0),
+            Self::Varies => None,
+        }
+    }
 }
 
 impl Parts {
+    /// Everything, everywhere.
     const ALL: Self = Self {
         tissue: Share::Varies,
         bone: Share::Varies,
         brain: Share::Varies,
+        needed: Needed::ALL,
     };
 
-    /// Of the ball of `radius` mm around `centre`.
-    fn near(centre: glam::DVec3, radius: f64) -> Self {
-        // `depth` may double a field's value.
-        let reach = STEEPEST * radius + EDGE_REACH * EDGE_SIGMA_MM * 1.5;
-        let share = |field: f64| {
-            if field > reach {
-                Share::None
-            } else if field < -reach {
-                Share::All
-            } else {
-                Share::Varies
-            }
-        };
-        let at = centre.to_array();
-        let surface = tissue(at);
-        let tissue = share(surface);
-        if tissue == Share::None {
-            return Self {
-                tissue,
-                bone: Share::None,
-                brain: Share::None,
-            };
-        }
-        Self {
-            tissue,
-            bone: share(bone(at, surface)),
-            brain: share(brain_field(at)),
-        }
-    }
-
-    /// The tile's HU where no edge comes through.
-    fn same_everywhere(&self) -> Option<f64> {
-        let share = |share| match share {
-            Share::None => Some(0.0),
-            Share::All => Some(1.0),
-            Share::Varies => None,
-        };
-        Some(mix(
-            share(self.tissue)?,
-            share(self.bone)?,
-            share(self.brain)?,
-        ))
-    }
-
     /// HU at a point of the tile.
-    fn hu(&self, point: glam::DVec3) -> f64 {
-        let at = Dual::coordinates(point);
-        let wanted = |share| share == Share::Varies;
-        let surface = if wanted(self.tissue) || wanted(self.bone) {
-            tissue(at)
+    fn hu(&self, point: DVec3) -> f64 {
+        let at = point.to_array();
+        let dual = Dual::coordinates(point);
+        let needed = self.needed;
+        let cut = self.bone == Share::Varies && needed.cover;
+        // Asked for at most once; not used where neither of the two varies.
+        let surface = if cut || self.tissue == Share::Varies {
+            TISSUE.field(needed.tissue, at)
         } else {
-            Dual::coordinates(point)[0]
+            0.0
         };
-        let part = |share, field: &dyn Fn() -> Dual| match share {
-            Share::None => 0.0,
-            Share::All => 1.0,
-            Share::Varies => edge(depth(field())),
+        let bone_field = || BONE.field(needed.bone, at);
+        let tissue_dual = || TISSUE.field(needed.tissue, dual);
+        let bone_dual = || BONE.field(needed.bone, dual);
+
+        let tissue = self.tissue.even();
+        let tissue = tissue.unwrap_or_else(|| profile(surface, tissue_dual));
+        let bone = match self.bone.even() {
+            Some(share) => share,
+            None if cut => profile(covered(bone_field(), surface), || {
+                covered(bone_dual(), tissue_dual())
+            }),
+            None => profile(bone_field(), bone_dual),
         };
-        mix(
-            part(self.tissue, &|| surface),
-            part(self.bone, &|| bone(at, surface)),
-            part(self.brain, &|| brain_field(at)),
-        )
+        let brain_share = self.brain.even();
+        let brain = brain_share.unwrap_or_else(|| profile(brain(at), || brain(dual)));
+        mix(tissue, bone, brain)
+    }
+}
+
+/// How much of a material a voxel sees, from the value of its field and, near the edge, its gradient.
+fn profile(field: f64, with_gradient: impl FnOnce() -> Dual) -> f64 {
+    if field > FIELD_REACH {
+        0.0
+    } else if field < -FIELD_REACH {
+        1.0
+    } else {
+        edge(depth(with_gradient()))
     }
 }
 
