@@ -26,7 +26,7 @@ fn experiment() {
         let start = Instant::now();
         let volume = Phantom::lee2001().render(&grid).unwrap();
         println!("{spacing:?} rendered {:?}", start.elapsed());
-        for lines in [2, 4, 8] {
+        for lines in [2, 3, 4, 6, 8, 16] {
             let start = Instant::now();
             let found = measure(&volume, &slabs, -500.0, lines).unwrap();
             let time = start.elapsed();
