@@ -24,7 +24,7 @@ pub const REGIONS: usize = 11;
 pub const REGION_NAMES: [char; REGIONS] = ['A', 'B', 'C', 'D', 'E', 'F', 'G', 'H', 'I', 'J', 'K'];
 
 /// Sheets for each voxel of height, and lines for each voxel of width. Doubling it changes no region of the
-/// phantom by more than 0.05 % (a test).
+/// phantom by more than 0.1 % (a test).
 const LINES_PER_VOXEL: usize = 6;
 
 /// Where the regions are: eleven slabs of equal height, in front of the base plane. Grid millimetres.

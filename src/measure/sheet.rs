@@ -148,8 +148,7 @@ impl<'a, T: Sample> Sheets<'a, T> {
         for (slice, z) in slices.iter_mut().zip(stack.cell.taps) {
             slice.clear();
             for (x, hu) in self.row_hu(y, z).enumerate() {
-                // Not the same as `>`: NaN ends here too.
-                if !(hu.abs() <= LARGEST_HU) {
+                if hu.is_nan() || hu.abs() > LARGEST_HU {
                     return Err(([x, y, z], hu));
                 }
                 slice.push(depth(hu) - self.skin_depth);
