@@ -4,6 +4,7 @@
 mod cells;
 mod error;
 mod geometry;
+mod profile;
 mod regions;
 mod sheet;
 

@@ -1,17 +1,18 @@
 //! The volumes of the regions A..K (paper section IV, Fig. 10 a; method section 6).
 //!
-//! The body measured is where the trilinear interpolation of the voxels reaches the skin threshold, clipped
-//! by the planes: a sub-voxel estimate. It is summed sheet by sheet: at a height z the two slices around
-//! it are blended, and in that plane the tissue's length is found along lines parallel to y, where the
-//! interpolation is linear and each crossing exact. Sheets never lie across a slab's edge, so
-//! slices that a plane cuts are shared in proportion.
+//! A sub-voxel estimate. HU become depths below the skin ([`depth`](super::profile::depth)), and the body
+//! measured is where the interpolated depth is that of the threshold or more, clipped by the planes. It is
+//! summed sheet by sheet: at a height z the slices around it are blended (cubically: a nose curves
+//! between slices 1 mm apart), and in that plane the tissue's length is found along lines parallel to
+//! y, where depth is linear and each crossing exact. No sheet stands for a layer that a slab's plane cuts, so
+//! the slices there are shared in proportion.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::MeasureError;
 use super::cells::cells;
-use super::sheet::{Rows, Section, Sheet, Sheets};
+use super::sheet::{Content, Rows, Sheets, Stack};
 use crate::feature::Landmarks;
 use crate::space::{Grid, GridPoint};
 use crate::volume::{Sample, Volume};
@@ -23,8 +24,8 @@ pub const REGIONS: usize = 11;
 pub const REGION_NAMES: [char; REGIONS] = ['A', 'B', 'C', 'D', 'E', 'F', 'G', 'H', 'I', 'J', 'K'];
 
 /// Sheets for each voxel of height, and lines for each voxel of width. Doubling it changes no region of the
-/// phantom by more than 0.01 % (a test).
-const LINES_PER_VOXEL: usize = 4;
+/// phantom by more than 0.1 % (a test).
+const LINES_PER_VOXEL: usize = 6;
 
 /// Where the regions are: eleven slabs of equal height, in front of the base plane. Grid millimetres.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -122,30 +123,30 @@ pub(super) fn measure<T: Sample>(
         return Err(MeasureError::Threshold { skin_hu });
     }
     let base = slabs.base_y / volume.grid().spacing().y;
-    let plan = plan_sheets(volume.grid(), slabs, lines_per_voxel);
+    let stacks = plan(volume.grid(), slabs, lines_per_voxel);
     let sheets = Sheets::new(volume, base, skin_hu, lines_per_voxel);
-    let sections: Vec<Section> = plan
+    let contents: Vec<Content> = stacks
         .par_iter()
-        .map_init(Rows::default, |rows, sheet| sheets.section(sheet, rows))
+        .map_init(Rows::default, |rows, stack| sheets.content(stack, rows))
         .collect();
-    // In the order of the sheets, whatever thread measured them.
+    // In the order of the stacks, whatever thread measured them.
     let mut voxels = [0.0; REGIONS];
     let (mut any_tissue, mut any_air) = (false, false);
-    for (sheet, section) in plan.iter().zip(&sections) {
-        if let Some((index, hu)) = section.bad {
+    for (stack, content) in stacks.iter().zip(&contents) {
+        if let Some((index, hu)) = content.bad {
             return Err(MeasureError::NotFinite { index, hu });
         }
-        if let Some(sum) = voxels.get_mut(sheet.region) {
-            *sum += section.tissue * sheet.thickness;
+        if let Some(sum) = voxels.get_mut(stack.region) {
+            *sum += content.tissue;
         }
-        any_tissue |= section.tissue > 0.0;
-        any_air |= section.air;
+        any_tissue |= content.tissue > 0.0;
+        any_air |= content.air;
     }
     if any_tissue && any_air {
         let voxel = volume.grid().voxel_volume();
         return Ok(RegionVolumes(voxels.map(|sum| sum * voxel)));
     }
-    let (lowest, highest) = sheets.hu_range(&plan);
+    let (lowest, highest) = sheets.hu_range(&stacks);
     Err(match (any_tissue, any_air) {
         (false, false) => MeasureError::Outside {
             base_y: slabs.base_y,
@@ -165,24 +166,19 @@ pub(super) fn measure<T: Sample>(
     })
 }
 
-/// The sheets that measure the slabs, from A to K: about `per_voxel` in a voxel, evenly within each
-/// stretch that neither a slab's plane nor a slice's cuts.
-fn plan_sheets(grid: &Grid, slabs: &Slabs, per_voxel: usize) -> Vec<Sheet> {
+/// The sheets that measure the slabs, from A to K: `per_voxel` to a slice, evenly within each stretch that
+/// neither a slab's plane nor a slice's centre cuts.
+fn plan(grid: &Grid, slabs: &Slabs, per_voxel: usize) -> Vec<Stack> {
     let [_, _, slices] = grid.dims();
     let planes = slabs.planes().map(|z| z / grid.spacing().z);
-    let mut sheets = Vec::new();
+    let mut stacks = Vec::new();
     for (region, ends) in planes.windows(2).enumerate() {
         let &[upper, lower] = ends else { continue };
-        for cell in cells(slices, lower, upper) {
-            let count = (cell.length() * per_voxel as f64).ceil().max(1.0) as usize;
-            sheets.extend(cell.midpoints(count).map(|at| Sheet {
-                region,
-                low: cell.low,
-                high: cell.high,
-                at,
-                thickness: cell.length() / count as f64,
-            }));
-        }
+        stacks.extend(cells(slices, lower, upper).map(|cell| Stack {
+            region,
+            cell,
+            sheets: (cell.length() * per_voxel as f64).ceil().max(1.0) as usize,
+        }));
     }
-    sheets
+    stacks
 }

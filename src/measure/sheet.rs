@@ -1,30 +1,27 @@
-//! The tissue in one plane of constant z.
+//! The tissue in planes of constant z.
 
-use super::cells::{Cell, cells};
+use super::cells::{Cell, cells, weights};
+use super::profile::depth;
 use crate::volume::{Rescale, Sample, Volume};
 
-/// The largest HU that is computed with: differences of such values are finite.
+/// The largest HU that is computed with: sums of a few such values are finite.
 const LARGEST_HU: f64 = 1e300;
 
-/// A plane of constant z, between two slices, that stands for a thin layer of one region.
+/// Sheets between two slices, which stand for layers of equal thickness of one region.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sheet {
+pub(super) struct Stack {
     /// The region, 0 for A.
     pub region: usize,
-    /// The slice at or below it.
-    pub low: usize,
-    /// The slice at or above it.
-    pub high: usize,
-    /// Where it is between the two, 0 to 1.
-    pub at: f64,
-    /// Thickness of the layer, voxels.
-    pub thickness: f64,
+    /// The slices around the layers, and the part of the interval that these fill.
+    pub cell: Cell,
+    /// How many sheets.
+    pub sheets: usize,
 }
 
-/// What a sheet shows.
+/// What the sheets of a stack show.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Section {
-    /// Area of tissue in front of the base plane, in pixels.
+pub(super) struct Content {
+    /// Volume of tissue in front of the base plane, in voxels.
     pub tissue: f64,
     /// Whether any of it is air.
     pub air: bool,
@@ -32,29 +29,31 @@ pub(super) struct Section {
     pub bad: Option<([usize; 3], f64)>,
 }
 
-/// The last two rows blended, kept between the sheets that one thread measures.
+/// Room for the rows around a strip, kept between the stacks that one thread measures.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
     near: Row,
     far: Row,
+    slices: [Vec<f64>; 4],
 }
 
-/// HU above the threshold along x, of one row of a sheet.
+/// Depths below the threshold's along x, in one row of every sheet of a stack, sheet after sheet.
 #[derive(Debug, Default)]
 struct Row {
     y: Option<usize>,
-    values: Vec<f64>,
+    depths: Vec<f64>,
 }
 
-/// Measures sheets of one volume.
+/// Measures stacks of sheets in one volume.
 pub(super) struct Sheets<'a, T> {
     samples: &'a [T],
     dims: [usize; 3],
     rescale: Rescale,
-    skin_hu: f64,
+    skin_depth: f64,
     across: Vec<Cell>,
     deep: Vec<Cell>,
-    lines_per_voxel: usize,
+    /// Where lines are laid through a whole pixel along x, as weights of the cell's taps.
+    lines: Vec<[f64; 4]>,
 }
 
 impl<'a, T: Sample> Sheets<'a, T> {
@@ -63,48 +62,62 @@ impl<'a, T: Sample> Sheets<'a, T> {
     pub fn new(volume: &'a Volume<T>, base: f64, skin_hu: f64, lines_per_voxel: usize) -> Self {
         let dims = volume.grid().dims();
         let [nx, ny, _] = dims;
+        let whole = Cell {
+            taps: [0; 4],
+            from: 0.0,
+            to: 1.0,
+        };
         Self {
             samples: volume.as_slice(),
             dims,
             rescale: volume.rescale(),
-            skin_hu,
+            skin_depth: depth(skin_hu),
             across: cells(nx, f64::NEG_INFINITY, f64::INFINITY).collect(),
             deep: cells(ny, f64::NEG_INFINITY, base).collect(),
-            lines_per_voxel,
+            lines: whole.midpoints(lines_per_voxel).map(weights).collect(),
         }
     }
 
-    /// The tissue in a sheet: bilinear values of at least 0, summed along lines parallel to y.
-    pub fn section(&self, sheet: &Sheet, rows: &mut Rows) -> Section {
-        let mut section = Section::default();
+    /// The tissue in a stack.
+    pub fn content(&self, stack: &Stack, rows: &mut Rows) -> Content {
+        let mut content = Content::default();
+        let sheets: Vec<[f64; 4]> = stack.cell.midpoints(stack.sheets).map(weights).collect();
         rows.near.y = None;
         rows.far.y = None;
+        let mut area = 0.0;
         for deep in &self.deep {
-            // The far row of one cell is the near row of the next.
-            if rows.near.y != Some(deep.low) {
+            let [_, near, far, _] = deep.taps;
+            // The far row of one strip is the near row of the next.
+            if rows.near.y != Some(near) {
                 std::mem::swap(&mut rows.near, &mut rows.far);
             }
-            for (row, y) in [(&mut rows.near, deep.low), (&mut rows.far, deep.high)] {
+            for (row, y) in [(&mut rows.near, near), (&mut rows.far, far)] {
                 if row.y != Some(y)
-                    && let Err(bad) = self.blend(sheet, y, row)
+                    && let Err(bad) = self.load(stack, &sheets, y, row, &mut rows.slices)
                 {
-                    section.bad = Some(bad);
-                    return section;
+                    content.bad = Some(bad);
+                    return content;
                 }
             }
-            section.tissue += self.strip(deep, &rows.near, &rows.far, &mut section.air);
+            let [nx, ..] = self.dims;
+            let near = rows.near.depths.chunks_exact(nx);
+            for (near, far) in near.zip(rows.far.depths.chunks_exact(nx)) {
+                area += self.strip(deep, near, far, &mut content.air);
+            }
         }
-        section
+        content.tissue = area * stack.cell.length() / stack.sheets as f64;
+        content
     }
 
-    /// The tissue between two rows.
-    fn strip(&self, deep: &Cell, near: &Row, far: &Row, air: &mut bool) -> f64 {
+    /// The tissue between two rows of a sheet, in pixels: its length along lines parallel to y, on which
+    /// depth goes evenly from row to row.
+    fn strip(&self, deep: &Cell, near: &[f64], far: &[f64], air: &mut bool) -> f64 {
         let mut tissue = 0.0;
         for across in &self.across {
-            let end = |row: &Row, x: usize| row.values.get(x).copied().unwrap_or_default();
-            let (a, b) = (end(near, across.low), end(near, across.high));
-            let (c, d) = (end(far, across.low), end(far, across.high));
-            let inside = [a, b, c, d].map(|value| value >= 0.0);
+            let at = |row: &[f64], x: usize| row.get(x).copied().unwrap_or_default();
+            let near = across.taps.map(|x| at(near, x));
+            let far = across.taps.map(|x| at(far, x));
+            let inside = [near[1], near[2], far[1], far[2]].map(|depth| depth >= 0.0);
             if inside == [true; 4] {
                 tissue += across.length() * deep.length();
                 continue;
@@ -113,63 +126,63 @@ impl<'a, T: Sample> Sheets<'a, T> {
             if inside == [false; 4] {
                 continue;
             }
-            let length: f64 = across
-                .midpoints(self.lines_per_voxel)
-                .map(|x| length_inside(deep, a + (b - a) * x, c + (d - c) * x))
+            let length: f64 = self
+                .lines
+                .iter()
+                .map(|line| length_inside(deep, blend(line, near), blend(line, far)))
                 .sum();
-            tissue += length * across.length() / self.lines_per_voxel as f64;
+            tissue += length * across.length() / self.lines.len() as f64;
         }
         tissue
     }
 
-    /// Blends row `y` of the two slices around `sheet` into `row`.
-    fn blend(&self, sheet: &Sheet, y: usize, row: &mut Row) -> Result<(), ([usize; 3], f64)> {
-        row.values.clear();
-        let (low, high) = (self.row(y, sheet.low), self.row(y, sheet.high));
-        let mut sound = true;
-        row.values.extend(low.iter().zip(high).map(|(&a, &b)| {
-            let (a, b) = (self.above(a), self.above(b));
-            sound &= a.abs() <= LARGEST_HU && b.abs() <= LARGEST_HU;
-            a + (b - a) * sheet.at
-        }));
-        row.y = Some(y);
-        if sound {
-            return Ok(());
-        }
-        for z in [sheet.low, sheet.high] {
-            for (x, &sample) in self.row(y, z).iter().enumerate() {
-                let hu = self.rescale.to_hu(sample.to_f64());
-                if !(hu.abs() <= LARGEST_HU) {
+    /// Blends row `y` of the slices around a stack into one row for each of its sheets.
+    fn load(
+        &self,
+        stack: &Stack,
+        sheets: &[[f64; 4]],
+        y: usize,
+        row: &mut Row,
+        slices: &mut [Vec<f64>; 4],
+    ) -> Result<(), ([usize; 3], f64)> {
+        for (slice, z) in slices.iter_mut().zip(stack.cell.taps) {
+            slice.clear();
+            for (x, hu) in self.row_hu(y, z).enumerate() {
+                if hu.is_nan() || hu.abs() > LARGEST_HU {
                     return Err(([x, y, z], hu));
                 }
+                slice.push(depth(hu) - self.skin_depth);
             }
+        }
+        row.y = Some(y);
+        row.depths.clear();
+        let [a, b, c, d] = slices;
+        for sheet in sheets {
+            let taps = a.iter().zip(b.iter()).zip(c.iter()).zip(d.iter());
+            row.depths
+                .extend(taps.map(|(((&a, &b), &c), &d)| blend(sheet, [a, b, c, d])));
         }
         Ok(())
     }
 
-    /// HU above the threshold.
-    #[inline]
-    fn above(&self, sample: T) -> f64 {
-        self.rescale.to_hu(sample.to_f64()) - self.skin_hu
-    }
-
-    /// A row of a slice.
-    fn row(&self, y: usize, z: usize) -> &'a [T] {
+    /// HU of a row of a slice.
+    fn row_hu(&self, y: usize, z: usize) -> impl Iterator<Item = f64> {
         let [nx, ny, _] = self.dims;
         let start = (z * ny + y) * nx;
-        self.samples.get(start..start + nx).unwrap_or_default()
+        let row = self.samples.get(start..start + nx).unwrap_or_default();
+        row.iter()
+            .map(|&sample| self.rescale.to_hu(sample.to_f64()))
     }
 
-    /// Smallest and largest HU of the voxels that `sheets` draw on.
-    pub fn hu_range(&self, sheets: &[Sheet]) -> (f64, f64) {
-        let slices = sheets.iter().map(|sheet| sheet.low).min();
-        let slices = slices.zip(sheets.iter().map(|sheet| sheet.high).max());
-        let rows = self.deep.iter().map(|cell| cell.high).max();
+    /// Smallest and largest HU of the voxels around `stacks`.
+    pub fn hu_range(&self, stacks: &[Stack]) -> (f64, f64) {
         let mut range = (f64::INFINITY, f64::NEG_INFINITY);
-        if let (Some((first, last)), Some(rows)) = (slices, rows) {
+        let around = |cell: &Cell| [cell.taps[1], cell.taps[2]];
+        let slices = || stacks.iter().flat_map(|stack| around(&stack.cell));
+        let rows = self.deep.iter().flat_map(around).max();
+        if let (Some(first), Some(last), Some(rows)) = (slices().min(), slices().max(), rows) {
             for (z, y) in (first..=last).flat_map(|z| (0..=rows).map(move |y| (z, y))) {
-                for &sample in self.row(y, z) {
-                    let hu = self.rescale.to_hu(sample.to_f64());
+                for hu in self.row_hu(y, z) {
                     range = (range.0.min(hu), range.1.max(hu));
                 }
             }
@@ -178,8 +191,13 @@ impl<'a, T: Sample> Sheets<'a, T> {
     }
 }
 
-/// How much of `cell` has a value of at least 0, where the value goes evenly from `start` at 0 to `end` at
-/// 1.
+/// A weighted sum of four taps.
+#[inline]
+fn blend(weights: &[f64; 4], taps: [f64; 4]) -> f64 {
+    weights[0] * taps[0] + weights[1] * taps[1] + (weights[2] * taps[2] + weights[3] * taps[3])
+}
+
+/// How much of `cell` has a depth of at least 0, where it goes evenly from `start` at 0 to `end` at 1.
 #[inline]
 fn length_inside(cell: &Cell, start: f64, end: f64) -> f64 {
     let from = start + (end - start) * cell.from;
