@@ -117,9 +117,13 @@ impl Operation {
         }
     }
 
-    /// How the map of all stages so far behaves.
-    pub(super) fn audit(&self) -> WarpAudit {
-        WarpAudit::new(&self.composed, &self.full, &self.nose)
+    /// How the map of all stages so far behaves: in closed form at full scale, by differences of the field
+    /// that was brought up from half scale.
+    pub(super) fn audit(&self) -> Result<WarpAudit, VolumeError> {
+        match self.morph.scale {
+            Scale::Full => Ok(WarpAudit::new(&self.composed, &self.full, &self.nose)),
+            Scale::Half => Ok(WarpAudit::of_field(&self.displacement()?, &self.nose)),
+        }
     }
 
     /// How far the adaptive evaluation is from the exact one, in what is sampled: the preoperative CT for

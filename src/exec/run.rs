@@ -214,7 +214,7 @@ impl Session<'_, '_> {
         let volume = operation.volume(preoperative, before, at, self.clock)?;
         let warp = self
             .clock
-            .time(Phase::Audit, Some(at), || operation.audit());
+            .time(Phase::Audit, Some(at), || operation.audit())?;
         let folded = warp.jacobian_min <= 0.0;
         if folded {
             self.warn(format!(

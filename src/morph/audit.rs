@@ -1,12 +1,13 @@
 //! What a map does to tissue, for trust: is it folded, how far does it move, how far is the adaptive
 //! evaluation from the exact one (method sections 4 and 6).
 
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::chain::{Chain, Lattice};
+use super::chain::{Chain, Lattice, VoxelBox};
 use super::field::{Field, Scratch};
-use super::tile::{Tile, tiles_of};
+use super::tile::{TILE, Tile, tiles_of};
 use super::{LANES, Points};
 use crate::feature::NoseBox;
 use crate::volume::{Sample, Trilinear, Volume};
@@ -62,6 +63,42 @@ impl WarpAudit {
             .reduce(|| Self::IDENTITY, Self::worst)
     }
 
+    /// Examines a field that is known at voxels only: the Jacobian determinant is that of central
+    /// differences between neighbouring voxels (one-sided at the rim of the lattice).
+    pub fn of_field(field: &Field<'_>, nose: &NoseBox) -> Self {
+        let lattice = *field.lattice();
+        let dims = lattice.dims();
+        inner_boxes(field.support())
+            .into_par_iter()
+            .map_init(
+                || (Scratch::new(), Tile::new()),
+                |(scratch, tile), inner| {
+                    let halo = VoxelBox {
+                        start: inner.start.map(|start| start.saturating_sub(1)),
+                        end: [0, 1, 2].map(|axis| (inner.end[axis] + 1).min(dims[axis])),
+                    };
+                    field.fill(halo, scratch, tile);
+                    let mut found = Self::IDENTITY;
+                    for offset in tile.offsets() {
+                        let at = [0, 1, 2].map(|axis| halo.start[axis] + offset[axis]);
+                        if !inner.holds(at) {
+                            continue;
+                        }
+                        let target = tile.index(offset);
+                        let moved = ((tile.get(offset) - target) * lattice.spacing()).length();
+                        let outside = nose.distance(lattice.point_at(target)) > 0.0;
+                        found = found.worst(Self {
+                            jacobian_min: differences(tile, offset).determinant(),
+                            displacement_max_mm: moved,
+                            displacement_max_outside_mm: if outside { moved } else { 0.0 },
+                        });
+                    }
+                    found
+                },
+            )
+            .reduce(|| Self::IDENTITY, Self::worst)
+    }
+
     fn worst(self, other: Self) -> Self {
         Self {
             jacobian_min: self.jacobian_min.min(other.jacobian_min),
@@ -71,6 +108,43 @@ impl WarpAudit {
                 .max(other.displacement_max_outside_mm),
         }
     }
+}
+
+/// Boxes that cover another and leave room for a voxel all round them in a tile.
+fn inner_boxes(voxels: VoxelBox) -> Vec<VoxelBox> {
+    const STEP: usize = TILE - 2;
+    let starts = |axis: usize| (voxels.start[axis]..voxels.end[axis]).step_by(STEP);
+    let mut boxes = Vec::new();
+    for z in starts(2) {
+        for y in starts(1) {
+            for x in starts(0) {
+                let start = [x, y, z];
+                let end = [0, 1, 2].map(|axis| (start[axis] + STEP).min(voxels.end[axis]));
+                boxes.push(VoxelBox { start, end });
+            }
+        }
+    }
+    boxes
+}
+
+/// The change of the source position with each axis, in voxels, between the neighbours of a tile's voxel.
+fn differences(tile: &Tile, offset: [usize; 3]) -> DMat3 {
+    let dims = tile.voxels().dims();
+    let along = |axis: usize| {
+        let (mut before, mut after) = (offset, offset);
+        before[axis] = offset[axis].saturating_sub(1);
+        after[axis] = (offset[axis] + 1).min(dims[axis] - 1);
+        let steps = (after[axis] - before[axis]).max(1) as f64;
+        (tile.get(after) - tile.get(before)) / steps
+    };
+    let mut columns = DMat3::from_cols(along(0), along(1), along(2));
+    // An axis of a single voxel has no neighbours: nothing changes along it but the position itself.
+    for (axis, unit) in DVec3::AXES.into_iter().enumerate() {
+        if dims[axis] == 1 {
+            *columns.col_mut(axis) = unit;
+        }
+    }
+    columns
 }
 
 /// How far one field is from another, and what that does to a volume.

@@ -89,6 +89,11 @@ impl VoxelBox {
         [0, 1, 2].map(|axis| self.end[axis].saturating_sub(self.start[axis]))
     }
 
+    /// Whether it holds this voxel.
+    pub fn holds(&self, at: [usize; 3]) -> bool {
+        (0..3).all(|axis| at[axis] >= self.start[axis] && at[axis] < self.end[axis])
+    }
+
     /// Whether a voxel is in both.
     pub fn intersects(&self, other: &Self) -> bool {
         (0..3).all(|axis| self.start[axis] < other.end[axis] && other.start[axis] < self.end[axis])

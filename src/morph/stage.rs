@@ -238,52 +238,65 @@ impl StageMap {
     /// gradient counts as zero. The determinant is the same in voxels and in mm.
     pub fn to_source_with_jacobian(&self, points: &mut Points, determinants: &mut [f64; LANES]) {
         let units = self.units_of(points);
+        let (strength, gradient) = self.strength_and_gradient(&units);
+        let m = self.pair.linear;
         for lane in 0..LANES {
-            let at = units.get(lane);
-            let (strength, gradient) = self.strength_and_gradient(at);
-            let pull = self.pair.displacement(at);
-            let outer = DMat3::from_cols(pull * gradient.x, pull * gradient.y, pull * gradient.z);
-            let jacobian = DMat3::IDENTITY + self.pair.linear * strength + outer;
+            let pull = self.pair.displacement(units.get(lane));
+            let (s, by) = (strength[lane], gradient.get(lane));
+            let jacobian = DMat3::from_cols(
+                DVec3::X + m.x_axis * s + pull * by.x,
+                DVec3::Y + m.y_axis * s + pull * by.y,
+                DVec3::Z + m.z_axis * s + pull * by.z,
+            );
             determinants[lane] *= jacobian.determinant();
-            points.set(lane, points.get(lane) + pull * strength / self.scale);
+            points.set(lane, points.get(lane) + pull * s / self.scale);
         }
     }
 
-    /// t·λ and its gradient, at one position in the model's units.
-    fn strength_and_gradient(&self, at: DVec3) -> (f64, DVec3) {
-        let f1 = inverse_square(away_from_segment(&self.f1, at));
-        let (lo, hi) = (self.cage.min, self.cage.max);
-        let beyond_x = beyond(at.x, lo.x, hi.x);
-        let beyond_z = beyond(at.z, lo.z, hi.z);
-        let mut held = Weight::default();
-        for face in [lo.y, hi.y] {
-            let y = at.y - face;
-            held += inverse_square(DVec3::new(beyond_x, y, at.z - lo.z));
-            held += inverse_square(DVec3::new(beyond_x, y, at.z - hi.z));
-            held += inverse_square(DVec3::new(at.x - lo.x, y, beyond_z));
-            held += inverse_square(DVec3::new(at.x - hi.x, y, beyond_z));
+    /// t·λ and its gradient, at positions in the model's units.
+    fn strength_and_gradient(&self, units: &Points) -> ([f64; LANES], Points) {
+        let along = self.f1.end - self.f1.start;
+        let inverse_length2 = 1.0 / along.length_squared();
+        let (a, lo, hi) = (self.f1.start, self.cage.min, self.cage.max);
+        let mut strength = [0.0; LANES];
+        let mut gradient = Points::ZERO;
+        for lane in 0..LANES {
+            let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
+            let to = DVec3::new(x - a.x, y - a.y, z - a.z);
+            let place = (to.dot(along) * inverse_length2).max(0.0).min(1.0);
+            let f1 = inverse_square(to - along * place);
+            let (out_x, out_z) = (beyond(x, lo.x, hi.x), beyond(z, lo.z, hi.z));
+            let mut held = Weight::default();
+            for face in [lo.y, hi.y] {
+                let y = y - face;
+                held += inverse_square(DVec3::new(out_x, y, z - lo.z));
+                held += inverse_square(DVec3::new(out_x, y, z - hi.z));
+                held += inverse_square(DVec3::new(x - lo.x, y, out_z));
+                held += inverse_square(DVec3::new(x - hi.x, y, out_z));
+            }
+            let inverse_total = 1.0 / (f1.weight + held.weight);
+            strength[lane] = f1.weight * inverse_total;
+            // (w₁'Σ − w₁Σ')/Σ², written so that the terms of w₁' cancel before they are computed.
+            let slope = f1.gradient * held.weight - held.gradient * f1.weight;
+            gradient.set(lane, slope * (inverse_total * inverse_total));
         }
-        let total = f1.weight + held.weight;
-        let lambda = f1.weight / total;
-        // (w₁'Σ − w₁Σ')/Σ², written so that the terms of w₁' cancel before they are computed.
-        let lambda_gradient =
-            (f1.gradient * held.weight - held.gradient * f1.weight) / (total * total);
-        match &self.taper {
-            None => (lambda, lambda_gradient),
-            Some(taper) => {
-                let (lo, hi) = (taper.nose.min.0, taper.nose.max.0);
+        if let Some(taper) = &self.taper {
+            let (lo, hi) = (taper.nose.min.0, taper.nose.max.0);
+            for lane in 0..LANES {
                 let out = DVec3::new(
-                    beyond(at.x, lo.x, hi.x),
-                    beyond(at.y, lo.y, hi.y),
-                    beyond(at.z, lo.z, hi.z),
+                    beyond(units.x[lane], lo.x, hi.x),
+                    beyond(units.y[lane], lo.y, hi.y),
+                    beyond(units.z[lane], lo.z, hi.z),
                 );
                 let away = out.length();
                 let s = (away / taper.margin_mm).min(1.0);
                 let t = fade(s);
-                let t_gradient = out * (fade_slope(s) / (taper.margin_mm * away.max(NO_DISTANCE)));
-                (t * lambda, lambda_gradient * t + t_gradient * lambda)
+                let slope = out * (fade_slope(s) / (taper.margin_mm * away.max(NO_DISTANCE)));
+                gradient.set(lane, gradient.get(lane) * t + slope * strength[lane]);
+                strength[lane] *= t;
             }
         }
+        (strength, gradient)
     }
 }
 
@@ -291,14 +304,6 @@ impl StageMap {
 #[inline]
 fn beyond(at: f64, lo: f64, hi: f64) -> f64 {
     (at - hi).max(0.0) + (at - lo).min(0.0)
-}
-
-/// From the nearest point of a segment to `at`.
-#[inline]
-fn away_from_segment(segment: &Segment, at: DVec3) -> DVec3 {
-    let along = segment.end - segment.start;
-    let to = at - segment.start;
-    to - along * (to.dot(along) / along.length_squared()).clamp(0.0, 1.0)
 }
 
 /// A weight and its gradient.

@@ -370,6 +370,26 @@ fn the_jacobian_is_that_of_finite_differences() {
 }
 
 #[test]
+fn differences_of_a_field_agree_with_the_closed_form() {
+    let full = Lattice::full(&grid());
+    let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
+    let nose = taper(&source, &target).nose;
+    for stage in both_models(source, target) {
+        let chain = Chain::from(stage);
+        let closed = WarpAudit::new(&chain, &full, &nose);
+        let exact = Field::evaluated(full, &chain, Evaluation::Exact);
+        let differences = WarpAudit::of_field(&exact, &nose);
+        let off = (closed.jacobian_min - differences.jacobian_min).abs();
+        assert!(off < 0.05, "{closed:?} {differences:?}");
+        let off = closed.displacement_max_mm - differences.displacement_max_mm;
+        assert!(off.abs() < 1e-9);
+        let off = closed.displacement_max_outside_mm - differences.displacement_max_outside_mm;
+        assert!(off.abs() < 1e-9);
+        assert!(closed.jacobian_min < 0.95);
+    }
+}
+
+#[test]
 fn a_fold_is_seen() {
     // The tip is pushed through the base plane and out behind it.
     let full = Lattice::full(&grid());
