@@ -1,0 +1,178 @@
+//! The steps of one stage on the phantom at three sizes, in voxels per second.
+//!
+//! `cargo bench` runs all; `cargo bench -- morph` the morphs. Quote medians, and ratios within one run.
+
+#![allow(
+    clippy::expect_used,
+    reason = "a benchmark that cannot be set up should stop"
+)]
+
+use std::sync::OnceLock;
+
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use rhinoplan::feature::{Cage, FeatureLine, NoseBox};
+use rhinoplan::measure::{Slabs, region_volumes};
+use rhinoplan::morph::audit::WarpAudit;
+use rhinoplan::morph::chain::{Chain, Lattice};
+use rhinoplan::morph::field::{Evaluation, Field};
+use rhinoplan::morph::stage::{StageLines, StageMap, Taper};
+use rhinoplan::morph::warp::warp;
+use rhinoplan::phantom::Phantom;
+use rhinoplan::plan::DEFAULT_SKIN_HU;
+use rhinoplan::resample::{gaussian, half};
+use rhinoplan::space::{Grid, GridPoint};
+use rhinoplan::volume::Volume;
+
+fn main() {
+    divan::main();
+}
+
+/// Voxels along the axes: the paper's CT, and the same head with coarser and finer voxels.
+const SIZES: [[usize; 3]; 3] = [[160, 160, 76], [320, 320, 151], [512, 512, 400]];
+
+const FULL_SIZE: [f64; 3] = [320.0, 320.0, 151.0];
+
+fn head(size: [usize; 3]) -> &'static Volume<i16> {
+    static HEADS: [OnceLock<Volume<i16>>; 3] = [const { OnceLock::new() }; 3];
+    let place = SIZES.iter().position(|&known| known == size).unwrap_or(0);
+    HEADS[place].get_or_init(|| {
+        let default = Phantom::default_grid().expect("the phantom's own grid");
+        let spacing =
+            [0, 1, 2].map(|axis| default.spacing()[axis] * FULL_SIZE[axis] / size[axis] as f64);
+        let grid = Grid::axis_aligned(size, spacing).expect("a finer or coarser grid");
+        Phantom::lee2001().render(&grid).expect("memory")
+    })
+}
+
+struct Case {
+    volume: &'static Volume<i16>,
+    full: Lattice,
+    nose: NoseBox,
+    lee2001: Chain,
+    local: Chain,
+}
+
+/// The paper's first operation: the tip 8.84 mm to the left.
+fn case(size: [usize; 3]) -> Case {
+    let volume = head(size);
+    let full = Lattice::full(volume.grid());
+    let landmarks = Phantom::lee2001().landmarks_mm();
+    let source = FeatureLine::new(landmarks.nasal_bones, landmarks.tip).expect("a line");
+    let tip = GridPoint(landmarks.tip.0 + glam::DVec3::new(8.84, 0.0, 0.0));
+    let target = FeatureLine::new(landmarks.nasal_bones, tip).expect("a line");
+    let cage = Cage::new(&landmarks, 11.0);
+    let lines = StageLines {
+        source,
+        target,
+        cage,
+    };
+    let nose = NoseBox::new(&landmarks, &source, &target);
+    let taper = Taper {
+        nose,
+        margin_mm: 20.0,
+    };
+    Case {
+        volume,
+        full,
+        nose,
+        lee2001: StageMap::lee2001(&lines, &full, &full)
+            .expect("a map")
+            .into(),
+        local: StageMap::local(&lines, 1.0, taper, &full)
+            .expect("a map")
+            .into(),
+    }
+}
+
+fn voxels(size: [usize; 3]) -> ItemsCount {
+    ItemsCount::new(size.iter().product::<usize>())
+}
+
+fn morph(bencher: Bencher<'_, '_>, case: &Case, chain: &Chain, evaluation: Evaluation) {
+    let field = Field::evaluated(case.full, chain, evaluation);
+    bencher
+        .counter(voxels(case.full.dims()))
+        .bench(|| warp(black_box(case.volume), &field));
+}
+
+fn tenth_of_a_voxel() -> Evaluation {
+    Evaluation::Adaptive {
+        tolerance: 0.1,
+        metric: glam::DVec3::ONE,
+    }
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn morph_lee2001_exact(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let case = case(size);
+    morph(bencher, &case, &case.lee2001, Evaluation::Exact);
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn morph_lee2001_adaptive(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let case = case(size);
+    morph(bencher, &case, &case.lee2001, tenth_of_a_voxel());
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn morph_local_exact(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let case = case(size);
+    morph(bencher, &case, &case.local, Evaluation::Exact);
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn morph_local_adaptive(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let case = case(size);
+    morph(bencher, &case, &case.local, tenth_of_a_voxel());
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn copy(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    bencher
+        .counter(voxels(size))
+        .bench(|| black_box(volume).clone());
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn audit_lee2001(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let case = case(size);
+    bencher
+        .counter(voxels(size))
+        .bench(|| WarpAudit::new(black_box(&case.lee2001), &case.full, &case.nose));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn half_down(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    bencher
+        .counter(voxels(size))
+        .bench(|| half::half(black_box(volume)));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn gaussian_up(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    let coarse = half::half(volume).expect("a half");
+    bencher
+        .counter(voxels(size))
+        .bench(|| gaussian::upsample::<i16>(black_box(&coarse), volume.grid(), volume.rescale()));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn measure_regions(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    let slabs = Slabs::new(&Phantom::lee2001().landmarks_mm()).expect("slabs");
+    bencher
+        .counter(voxels(size))
+        .bench(|| region_volumes(black_box(volume), &slabs, DEFAULT_SKIN_HU));
+}
+
+#[divan::bench(args = SIZES, sample_count = 3, sample_size = 1)]
+fn render_phantom(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let grid = head(size).grid().clone();
+    bencher
+        .counter(voxels(size))
+        .bench(|| Phantom::lee2001().render(black_box(&grid)));
+}
