@@ -21,11 +21,20 @@ pub fn warp<T: Sample>(source: &Volume<T>, field: &Field<'_>) -> Volume<T> {
             || (Scratch::new(), Tile::new()),
             |(scratch, tile), (voxels, mut to)| {
                 field.fill(voxels, scratch, tile);
-                for ((z, y, x), to) in to.indexed_iter_mut() {
-                    let offset = [x, y, z];
-                    let at = tile.get(offset);
-                    if at != tile.index(offset) {
-                        *to = T::from_interpolated(sampler.at(at.x, at.y, at.z));
+                let [x0, y0, z0] = voxels.start;
+                for (z, mut plane) in to.outer_iter_mut().enumerate() {
+                    for (y, mut to) in plane.outer_iter_mut().enumerate() {
+                        let (row, still) = (Tile::row(y, z), [(y0 + y) as f64, (z0 + z) as f64]);
+                        let (px, py, pz) =
+                            (&tile.x[row.clone()], &tile.y[row.clone()], &tile.z[row]);
+                        for (x, (((to, &px), &py), &pz)) in
+                            to.iter_mut().zip(px).zip(py).zip(pz).enumerate()
+                        {
+                            if [py, pz] == still && px == (x0 + x) as f64 {
+                                continue;
+                            }
+                            *to = T::from_interpolated(sampler.at(px, py, pz));
+                        }
                     }
                 }
             },

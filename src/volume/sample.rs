@@ -98,13 +98,32 @@ macro_rules! sample_type {
     };
 }
 
+/// The nearest integer, halves away from zero: `f64::round` for values that fit an `i64`, without the call
+/// into the mathematics library that it is where the processor has no instruction for it.
+#[inline]
+fn round_small(value: f64) -> i64 {
+    // Truncates towards zero and clamps; not a number becomes 0.
+    let whole = value as i64;
+    let rest = value - whole as f64;
+    whole
+        .saturating_add(i64::from(rest >= 0.5))
+        .saturating_sub(i64::from(rest <= -0.5))
+}
+
+/// As [`round_small`], clamped to a narrower integer type.
+macro_rules! round_to {
+    ($value:expr, $type:ty) => {
+        round_small($value).clamp(<$type>::MIN as i64, <$type>::MAX as i64) as $type
+    };
+}
+
 // `f64::round` rounds half away from zero, and `as` clamps to the type's range.
-sample_type!(u8, U8, value => value.round() as Self);
-sample_type!(i8, I8, value => value.round() as Self);
-sample_type!(u16, U16, value => value.round() as Self);
-sample_type!(i16, I16, value => value.round() as Self);
-sample_type!(u32, U32, value => value.round() as Self);
-sample_type!(i32, I32, value => value.round() as Self);
+sample_type!(u8, U8, value => round_to!(value, u8));
+sample_type!(i8, I8, value => round_to!(value, i8));
+sample_type!(u16, U16, value => round_to!(value, u16));
+sample_type!(i16, I16, value => round_to!(value, i16));
+sample_type!(u32, U32, value => round_to!(value, u32));
+sample_type!(i32, I32, value => round_to!(value, i32));
 sample_type!(u64, U64, value => value.round() as Self);
 sample_type!(i64, I64, value => value.round() as Self);
 sample_type!(f32, F32, value => value as Self);
@@ -113,6 +132,30 @@ sample_type!(f64, F64, value => value);
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn small_rounding_is_that_of_the_standard_library() {
+        let near = [
+            0.0,
+            0.49999999999999994,
+            0.5,
+            1.5,
+            2.5,
+            0.1,
+            0.9,
+            1e9,
+            4503599627370497.5,
+        ];
+        for value in near.into_iter().chain((0..4000).map(|n| n as f64 * 0.125)) {
+            for value in [value, -value] {
+                assert_eq!(round_small(value), value.round() as i64, "{value}");
+            }
+        }
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300] {
+            assert_eq!(i16::from_interpolated(value), value.round() as i16);
+            assert_eq!(u32::from_interpolated(value), value.round() as u32);
+        }
+    }
 
     #[test]
     fn halves_round_away_from_zero_and_the_range_clamps() {
