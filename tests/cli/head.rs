@@ -34,7 +34,7 @@ fn hu([x, y, z]: [usize; 3]) -> i16 {
 
 /// The head as an uncompressed NIfTI-1 file, stored in LPS order, the first voxel at LPS (-48, -48, -36).
 pub fn nifti() -> Vec<u8> {
-    file(352, |at| hu(at))
+    file(352, hu)
 }
 
 /// The same head with the patient's name wherever a header has room for one.

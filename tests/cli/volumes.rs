@@ -35,8 +35,9 @@ fn info_tells_what_a_volume_is() {
 #[test]
 fn info_names_flipped_permuted_and_oblique_axes() {
     // Rows of the matrix to RAS, and what nibabel calls the stored axes.
-    let (c, s) = (1.5 * 0.984_807_75, 1.5 * 0.173_648_18);
-    let cases = [
+    let (c, s) = (1.5 * 0.984_807_7, 1.5 * 0.173_648_18);
+    type Case = ([[f32; 3]; 3], &'static str, &'static str, [usize; 3]);
+    let cases: [Case; 4] = [
         (
             [[1.5, 0.0, 0.0], [0.0, 1.5, 0.0], [0.0, 0.0, 1.5]],
             "RAS",
