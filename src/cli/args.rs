@@ -1,6 +1,5 @@
 //! What can be typed.
 
-use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
@@ -9,7 +8,7 @@ use clap::{Parser, Subcommand};
 ///
 /// A planning aid, not a prediction of a surgical result.
 #[derive(Debug, Parser)]
-#[command(version, arg_required_else_help = true, max_term_width = 100)]
+#[command(version, arg_required_else_help = true, max_term_width = 100, after_help = EXIT_CODES)]
 pub(super) struct Args {
     #[command(subcommand)]
     pub command: Command,
@@ -23,8 +22,13 @@ pub(super) struct Args {
     pub quiet: bool,
 
     /// Worker threads; all processors by default. The results are the same for any number.
-    #[arg(long, global = true, value_name = "N")]
-    pub threads: Option<NonZeroUsize>,
+    #[arg(
+        long,
+        global = true,
+        value_name = "N",
+        value_parser = clap::value_parser!(u16).range(1..=MAX_THREADS)
+    )]
+    pub threads: Option<u16>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -60,10 +64,14 @@ pub(super) enum Command {
     /// Write the built-in synthetic head `lee2001`.
     Phantom {
         /// The file to write (.nii or .nii.gz).
-        #[arg(long, short, value_name = "FILE")]
+        #[arg(long, short, value_name = "FILE", value_parser = nifti_name)]
         output: PathBuf,
     },
 }
+
+/// Far more than any machine profits from. Tens of thousands would be started, and could take the session
+/// down with them.
+const MAX_THREADS: i64 = 1024;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -71,6 +79,16 @@ Exit codes:
   2   the command line or a plan is wrong, or the outputs cannot be written
   3   the CT cannot be used
   70  a bug of this program";
+
+/// The name of a file to write, whose ending tells whether it is compressed.
+fn nifti_name(text: &str) -> Result<PathBuf, String> {
+    let lower = text.to_ascii_lowercase();
+    if lower.ends_with(".nii") || lower.ends_with(".nii.gz") {
+        Ok(text.into())
+    } else {
+        Err("the name must end in .nii or .nii.gz".to_owned())
+    }
+}
 
 #[cfg(test)]
 mod tests {
@@ -84,7 +102,21 @@ mod tests {
     }
 
     #[test]
-    fn zero_threads_are_refused() {
-        assert!(Args::try_parse_from(["rhinoplan", "check", "a.toml", "--threads", "0"]).is_err());
+    fn numbers_of_threads_that_make_no_sense_are_refused() {
+        let threads = |n| Args::try_parse_from(["rhinoplan", "check", "a.toml", "--threads", n]);
+        for n in ["0", "-1", "1025", "65536", "1.5", ""] {
+            assert!(threads(n).is_err(), "{n}");
+        }
+        assert_eq!(threads("1024").unwrap().threads, Some(1024));
+    }
+
+    #[test]
+    fn a_name_says_what_is_written() {
+        for name in ["head.nii", "a.b/HEAD.NII.GZ"] {
+            assert_eq!(nifti_name(name), Ok(name.into()));
+        }
+        for name in ["head", "head.gz", "head.mha", "nii"] {
+            assert!(nifti_name(name).is_err(), "{name}");
+        }
     }
 }

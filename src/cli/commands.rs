@@ -10,6 +10,7 @@ use crate::exec::ct::{self, CtHeader};
 use crate::exec::preflight::output_folder;
 use crate::exec::run::phases;
 use crate::exec::{self, ExitCode, Ready, Refusal, RunReport};
+use crate::io::artifact::Artifact;
 use crate::io::nifti;
 use crate::plan::{CtSource, Phantom};
 use crate::space::Grid;
@@ -35,7 +36,7 @@ pub(super) fn run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
                 output.error(&format!("{}: {error}", plan.file));
                 output
                     .note("nothing of this plan was written; what earlier runs wrote is unchanged");
-                code = error.exit_code();
+                code = code.worse(error.exit_code());
             }
         }
     }
@@ -48,7 +49,8 @@ pub(super) fn dry_run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCod
         Ok(ready) => ready,
         Err(refusal) => return refuse(&refusal, output),
     };
-    for Ready { plan, .. } in &ready {
+    for Ready { file, plan, ct, .. } in &ready {
+        warn(file, ct, output);
         let steps = phases(plan);
         output.result(&format!(
             "{} ({} steps) into {}",
@@ -83,9 +85,7 @@ pub(super) fn check(plans: &[PathBuf], output: &Output) -> ExitCode {
         Err(refusal) => return refuse(&refusal, output),
     };
     for Ready { file, plan, ct, .. } in &ready {
-        if let Some(warning) = ct.warning() {
-            output.warning(&format!("{file}: {warning}"));
-        }
+        warn(file, ct, output);
         let stages: usize = plan.candidates.iter().map(|c| c.stages.len()).sum();
         output.result(&format!(
             "{file}: ok ({}, {} on a CT of {})",
@@ -129,6 +129,11 @@ pub(super) fn info(path: &Path, output: &Output) -> ExitCode {
 
 /// `phantom`: the built-in head as a file.
 pub(super) fn phantom(path: &Path, output: &Output) -> ExitCode {
+    // Before the work, not after it: can the file be written at all?
+    if let Err(error) = Artifact::create(path) {
+        output.error(&error.to_string());
+        return ExitCode::Usage;
+    }
     let ct = match ct::load(&CtSource::Phantom(Phantom::Lee2001)) {
         Ok(ct) => ct,
         Err(error) => {
@@ -150,6 +155,12 @@ pub(super) fn phantom(path: &Path, output: &Output) -> ExitCode {
     ));
     output.set("ct", &ct.record);
     ExitCode::Done
+}
+
+fn warn(file: &str, ct: &CtHeader, output: &Output) {
+    if let Some(warning) = ct.warning() {
+        output.warning(&format!("{file}: {warning}"));
+    }
 }
 
 fn refuse(refusal: &Refusal, output: &Output) -> ExitCode {
@@ -206,9 +217,9 @@ fn describe(header: &CtHeader, record: &crate::report::record::CtRecord) -> Stri
          obliquity    {:.2}°\n\
          range        {low} to {high} HU\n\
          SHA-256      {}",
-        spacing.x,
-        spacing.y,
-        spacing.z,
+        mm(spacing.x),
+        mm(spacing.y),
+        mm(spacing.z),
         nx as f64 * spacing.x,
         ny as f64 * spacing.y,
         nz as f64 * spacing.z,
@@ -228,8 +239,15 @@ fn size(grid: &Grid) -> String {
     let ([nx, ny, nz], spacing) = (grid.dims(), grid.spacing());
     format!(
         "{nx}×{ny}×{nz} voxels of {}×{}×{} mm",
-        spacing.x, spacing.y, spacing.z
+        mm(spacing.x),
+        mm(spacing.y),
+        mm(spacing.z)
     )
+}
+
+/// A spacing for people: files hold single-precision numbers, whose last digits mean nothing.
+fn mm(spacing: f64) -> f64 {
+    (spacing * 1e4).round() / 1e4
 }
 
 fn count(n: usize, what: &str) -> String {

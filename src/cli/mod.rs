@@ -1,13 +1,14 @@
 //! The command line: arguments in, exit code out.
 //!
-//! Documents go to stdout, everything else to stderr. With `--json` stdout holds one JSON document,
-//! whatever happens; with `--quiet` stderr holds nothing but errors.
+//! Results go to stdout, everything else to stderr. With `--json` stdout holds one JSON document, whatever
+//! happens; with `--quiet` stderr holds nothing but errors.
 
 mod args;
 mod commands;
 mod output;
 mod progress;
 
+use std::env;
 use std::panic;
 use std::process;
 
@@ -29,22 +30,24 @@ pub fn main() -> process::ExitCode {
     let args = match Args::try_parse() {
         Ok(args) => args,
         Err(error) => {
-            let code = if error.use_stderr() {
-                ExitCode::Usage
-            } else {
-                ExitCode::Done
-            };
             // Help and version go to stdout, usage errors to stderr. Neither can fail usefully.
             let _ = error.print();
-            return code.into();
+            if !error.use_stderr() {
+                return ExitCode::Done.into();
+            }
+            // The arguments mean nothing, but whoever asked for a document waits for one.
+            let output = Output::new(env::args_os().any(|arg| arg == "--json"), false);
+            let message = error.to_string();
+            output.record_error(message.strip_prefix("error: ").unwrap_or(&message).trim());
+            return output.finish(ExitCode::Usage).into();
         }
     };
     let output = Output::new(args.json, args.quiet);
     if let Some(threads) = args.threads {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
         if let Err(error) = pool.build_global() {
             output.error(&format!("cannot start {threads} threads: {error}"));
-            return ExitCode::Usage.into();
+            return output.finish(ExitCode::Usage).into();
         }
     }
     // A panic is a bug. It is caught so that the exit code says so and a document is still a document.

@@ -18,10 +18,12 @@ pub(super) struct Output {
 
 impl Output {
     pub fn new(json: bool, quiet: bool) -> Self {
+        // Scripts can rely on these two being there.
+        let lists = ["warnings", "errors"].map(|key| (key.to_owned(), json!([])));
         Self {
             json,
             quiet,
-            document: Mutex::default(),
+            document: Mutex::new(Map::from_iter(lists)),
         }
     }
 
@@ -49,11 +51,17 @@ impl Output {
     /// What the user should know.
     pub fn warning(&self, text: &str) {
         self.note(&format!("warning: {text}"));
+        self.push("warnings", text);
     }
 
     /// Why something was not done.
     pub fn error(&self, text: &str) {
         print_line(io::stderr(), &format!("error: {text}"));
+        self.record_error(text);
+    }
+
+    /// The same where it is already printed.
+    pub fn record_error(&self, text: &str) {
         self.push("errors", json!({ "message": text }));
     }
 

@@ -23,6 +23,24 @@ pub enum ExitCode {
     Bug = 70,
 }
 
+impl ExitCode {
+    /// The one that a process ends with that came to both: a bug outweighs the command line and the plans,
+    /// which outweigh the CTs.
+    pub fn worse(self, other: Self) -> Self {
+        let rank = |code| match code {
+            Self::Done => 0,
+            Self::Input => 1,
+            Self::Usage => 2,
+            Self::Bug => 3,
+        };
+        if rank(other) > rank(self) {
+            other
+        } else {
+            self
+        }
+    }
+}
+
 /// Where in a plan something went wrong.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct At {

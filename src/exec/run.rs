@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::ct::{self, Ct};
 use super::error::{At, RunError};
@@ -32,6 +32,7 @@ use crate::with_volume;
 #[derive(Debug, Clone, Serialize)]
 pub struct RunReport {
     /// The folder that holds its outputs.
+    #[serde(serialize_with = "shown")]
     pub folder: PathBuf,
     /// What `run.json` holds.
     pub record: RunRecord,
@@ -39,6 +40,11 @@ pub struct RunReport {
     pub timings: Timings,
     /// What the user should know.
     pub warnings: Vec<String>,
+}
+
+/// A path need not be Unicode, a document must be.
+fn shown<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_str(&path.display())
 }
 
 /// Computes every candidate and stage of a plan and puts the outputs into `out`, in a folder of the plan's

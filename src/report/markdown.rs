@@ -80,16 +80,27 @@ fn write_candidate(to: &mut String, candidate: &CandidateRecord) -> fmt::Result 
     row(to, "V (mm)", operated, |stage| {
         vector(stage.measures.move_mm.to_array())
     })?;
-    row(to, "Smallest Jacobian determinant", operated, |stage| {
-        let folded = if stage.folded { " **folded**" } else { "" };
-        format!("{:.3}{folded}", stage.warp.jacobian_min)
-    })?;
-    row(to, "Largest displacement (mm)", operated, |stage| {
-        format!("{:.2}", stage.warp.displacement_max_mm)
-    })?;
-    row(to, "… outside the nose box (mm)", operated, |stage| {
-        format!("{:.2}", stage.warp.displacement_max_outside_mm)
-    })?;
+    row(
+        to,
+        "Since preoperative: smallest Jacobian determinant",
+        operated,
+        |stage| {
+            let folded = if stage.folded { " **folded**" } else { "" };
+            format!("{:.3}{folded}", stage.warp.jacobian_min)
+        },
+    )?;
+    row(
+        to,
+        "Since preoperative: largest displacement (mm)",
+        operated,
+        |stage| format!("{:.2}", stage.warp.displacement_max_mm),
+    )?;
+    row(
+        to,
+        "… of it outside the nose box (mm)",
+        operated,
+        |stage| format!("{:.2}", stage.warp.displacement_max_outside_mm),
+    )?;
     if operated.iter().any(|stage| stage.adaptive_error.is_some()) {
         let part = |stage: &StageRecord, mm: bool, max: bool| {
             stage

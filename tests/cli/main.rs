@@ -1,0 +1,17 @@
+//! The program as a process: what it prints, writes and ends with.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "helpers of tests, which clippy does not take for tests"
+)]
+
+mod check;
+mod exits;
+mod failures;
+mod head;
+mod outputs;
+mod process;
+mod real;
+mod same;
+mod volumes;

@@ -1,0 +1,123 @@
+//! The program started in a folder of its own.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use serde_json::Value;
+
+/// How a process ended and what it printed.
+#[derive(Debug)]
+pub struct Ran {
+    pub code: i32,
+    pub out: String,
+    pub err: String,
+}
+
+impl Ran {
+    /// The one JSON document on stdout.
+    pub fn document(&self) -> Value {
+        let document: Value = serde_json::from_str(&self.out)
+            .unwrap_or_else(|error| panic!("not one JSON document: {error}\n{self:?}"));
+        assert_eq!(document["exit_code"], self.code, "{self:?}");
+        assert!(document["errors"].is_array(), "{self:?}");
+        document
+    }
+
+    #[track_caller]
+    pub fn expect(self, code: i32) -> Self {
+        assert_eq!(self.code, code, "{self:?}");
+        self
+    }
+}
+
+/// A working folder that goes away with the test.
+pub struct Desk(tempfile::TempDir);
+
+impl Desk {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(&path, content).unwrap();
+        path
+    }
+
+    /// The program, here, with its streams caught: never a terminal.
+    pub fn run(&self, args: &[&str]) -> Ran {
+        let output = Command::new(env!("CARGO_BIN_EXE_rhinoplan"))
+            .args(args)
+            .current_dir(self.path())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        let ran = Ran {
+            code: output.status.code().unwrap_or(-1),
+            out: String::from_utf8(output.stdout).unwrap(),
+            err: String::from_utf8(output.stderr).unwrap(),
+        };
+        for text in [&ran.out, &ran.err] {
+            assert!(
+                !text.contains(['\u{1b}', '\r']),
+                "made for a terminal: {ran:?}"
+            );
+        }
+        ran
+    }
+
+    /// Every file in a folder, hidden ones too, by its path there; of a folder without files, its name.
+    pub fn files(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
+        let mut files = BTreeMap::new();
+        let root = self.path().join(folder);
+        let mut open = vec![root.clone()];
+        while let Some(folder) = open.pop() {
+            let entries: Vec<_> = fs::read_dir(&folder)
+                .unwrap()
+                .map(|e| e.unwrap().path())
+                .collect();
+            if entries.is_empty() && folder != root {
+                files.insert(format!("{}/", name(&root, &folder)), Vec::new());
+            }
+            for entry in entries {
+                if entry.is_dir() {
+                    open.push(entry);
+                } else {
+                    files.insert(name(&root, &entry), fs::read(&entry).unwrap());
+                }
+            }
+        }
+        files
+    }
+
+    /// As [`Desk::files`], without the one file that is never the same twice.
+    pub fn results(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
+        let mut files = self.files(folder);
+        assert!(files.remove("timings.json").is_some());
+        files
+    }
+
+    pub fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&fs::read(self.path().join(name)).unwrap()).unwrap()
+    }
+}
+
+fn name(root: &Path, path: &Path) -> String {
+    path.strip_prefix(root)
+        .unwrap()
+        .to_str()
+        .unwrap()
+        .to_owned()
+}
+
+/// The names alone.
+pub fn names(files: &BTreeMap<String, Vec<u8>>) -> Vec<&str> {
+    files.keys().map(String::as_str).collect()
+}

@@ -1,0 +1,127 @@
+//! The same plan on the same CT gives the same bytes, and none of them name a place or a person.
+
+use std::io::Read;
+
+use flate2::read::MultiGzDecoder;
+
+use crate::head::{PATIENT, gzip, nifti_with_names, plan};
+use crate::process::Desk;
+
+const LEE2001_HALF: &str = "[morph]\nmodel = \"lee2001\"\nscale = \"half\"\n";
+
+fn desk(folder: &str, ct: &str, more: &str) -> Desk {
+    let desk = Desk::new();
+    desk.write(&format!("{folder}/{ct}"), gzip(&nifti_with_names()));
+    desk.write(&format!("{folder}/plan.toml"), plan("good", ct) + more);
+    desk
+}
+
+#[test]
+fn any_number_of_threads_and_any_run_gives_the_same_bytes() {
+    for more in ["", LEE2001_HALF] {
+        let desk = desk(".", "ct.nii.gz", more);
+        let runs = ["1", "2", "4", "1"].map(|threads| {
+            desk.run(&["run", "plan.toml", "--threads", threads])
+                .expect(0);
+            assert_eq!(
+                desk.json("out/good/timings.json")["threads"].to_string(),
+                threads
+            );
+            desk.results("out/good")
+        });
+        assert_eq!(runs[0].len(), 3 + 3 * 2);
+        for run in &runs[1..] {
+            assert!(*run == runs[0], "{more}");
+        }
+    }
+}
+
+#[test]
+fn the_place_of_the_files_does_not_matter_and_is_not_told() {
+    let here = desk("here", "ct.nii.gz", "");
+    here.run(&["run", "here/plan.toml"]).expect(0);
+    let there = desk("doe-jane/1968", "ct.nii.gz", "");
+    let plan_path = there.path().join("doe-jane/1968/plan.toml");
+    let out = there.path().join("results");
+    there
+        .run(&[
+            "run",
+            plan_path.to_str().unwrap(),
+            "--out",
+            out.to_str().unwrap(),
+        ])
+        .expect(0);
+    assert!(here.results("out/good") == there.results("results/good"));
+}
+
+#[test]
+fn another_name_of_the_ct_changes_the_digest_of_the_plan_alone() {
+    let desks = ["ct.nii.gz", "DOE^JANE.nii.gz"].map(|ct| {
+        let desk = desk(".", ct, "");
+        desk.run(&["run", "plan.toml"]).expect(0);
+        desk
+    });
+    let [mut one, mut other] = desks.each_ref().map(|desk| desk.results("out/good"));
+    let [mut record, mut same] = desks.each_ref().map(|desk| desk.json("out/good/run.json"));
+    for files in [&mut one, &mut other] {
+        files.remove("run.json").unwrap();
+    }
+    assert!(one == other);
+    assert_ne!(
+        record["inputs"]["plan_sha256"],
+        same["inputs"]["plan_sha256"]
+    );
+    for record in [&mut record, &mut same] {
+        record["inputs"]["plan_sha256"].take();
+    }
+    assert_eq!(record, same);
+}
+
+#[test]
+fn no_output_names_the_patient_or_a_file() {
+    let desk = desk("doe-jane", "DOE^JANE.nii.gz", "");
+    assert!(
+        nifti_with_names()
+            .windows(8)
+            .filter(|part| *part == PATIENT.as_bytes())
+            .count()
+            > 10
+    );
+    let ran = desk.run(&["run", "doe-jane/plan.toml"]).expect(0);
+    let folder = desk.path().file_name().unwrap().to_str().unwrap();
+    // Random bytes hold every short word somewhere, so samples are searched for long ones only.
+    let long = ["jane doe", "doe^jane", "doe-jane", "plan.toml", folder].map(str::to_lowercase);
+    let short = ["jane", "doe", "comment", "nii"];
+    let holds = |content: &[u8], word: &str| {
+        let lower = content.to_ascii_lowercase();
+        lower
+            .windows(word.len())
+            .any(|part| part == word.as_bytes())
+    };
+    let mut looked_at = 0;
+    for (name, packed) in desk.files("out/good") {
+        let mut content = Vec::new();
+        let text = if name.ends_with(".gz") {
+            MultiGzDecoder::new(&packed[..])
+                .read_to_end(&mut content)
+                .unwrap();
+            [&packed[..20], &content[..352]].concat()
+        } else {
+            packed.clone()
+        };
+        for word in &long {
+            assert!(
+                !holds(&packed, word) && !holds(&content, word),
+                "{name} holds {word}"
+            );
+        }
+        for word in short {
+            // The record says which kind of source it was.
+            let text = String::from_utf8_lossy(&text).replace("\"nifti\"", "");
+            assert!(!holds(text.as_bytes(), word), "{name} holds {word}");
+        }
+        looked_at += 1;
+    }
+    assert_eq!(looked_at, 4 + 3 * 2);
+    assert!(!ran.out.to_lowercase().contains("jane"), "{}", ran.out);
+}
