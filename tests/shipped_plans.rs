@@ -6,6 +6,12 @@
 //! voxels to the next HU, and that is not a change of result. Where numbers should change, renew the
 //! files with `INSTA_UPDATE=always cargo test --test shipped_plans` and say why in CHANGELOG.md.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::disallowed_methods,
+    reason = "helpers of tests, which clippy does not take for tests"
+)]
+
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 

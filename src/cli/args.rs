@@ -69,8 +69,7 @@ pub(super) enum Command {
     },
 }
 
-/// Far more than any machine profits from. Tens of thousands would be started, and could take the session
-/// down with them.
+/// Far more than any machine profits from. Tens of thousands would be started, one system thread each.
 const MAX_THREADS: i64 = 1024;
 
 const EXIT_CODES: &str = "\

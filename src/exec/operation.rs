@@ -102,7 +102,7 @@ impl Operation {
                 });
                 drop(coarse);
                 let full = clock.time(Phase::Upsample, at, || {
-                    gaussian::upsample(&warped, before.grid(), before.rescale())
+                    gaussian::upsample::<T>(&warped, before.grid(), before.rescale())
                 })?;
                 Ok(full)
             }

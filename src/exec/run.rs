@@ -115,8 +115,8 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
                 (Phase::Half, halves),
                 (Phase::Morph, true),
                 (Phase::Upsample, halves),
-                (Phase::Audit, true),
                 (Phase::Compare, compares(plan)),
+                (Phase::Audit, true),
                 (Phase::Measure, true),
                 (Phase::WriteVolume, plan.outputs.volume),
                 (Phase::WriteDisplacement, plan.outputs.displacement),
@@ -190,8 +190,7 @@ impl Session<'_, '_> {
         let mut stages = vec![start];
         let mut before: Option<Volume<T>> = None;
         for place in 0..candidate.stages.len() {
-            let source = before.as_ref().unwrap_or(preoperative);
-            let (volume, record) = self.stage(candidate, place, preoperative, source)?;
+            let (volume, record) = self.stage(candidate, place, preoperative, before)?;
             stages.push(record);
             // Only `lee2001` samples the volume of the stage before.
             before = (self.plan.morph.model == Model::Lee2001).then_some(volume);
@@ -208,7 +207,7 @@ impl Session<'_, '_> {
         candidate: &Candidate,
         place: usize,
         preoperative: &Volume<T>,
-        before: &Volume<T>,
+        before: Option<Volume<T>>,
     ) -> Result<(Volume<T>, StageRecord), RunError> {
         let plan = self.plan;
         let stage = &candidate.stages[place];
@@ -217,7 +216,16 @@ impl Session<'_, '_> {
             stage: &stage.name,
         };
         let operation = Operation::new(plan, candidate, place, preoperative.grid())?;
-        let volume = operation.volume(preoperative, before, at, self.clock)?;
+        let source = before.as_ref().unwrap_or(preoperative);
+        let volume = operation.volume(preoperative, source, at, self.clock)?;
+        let adaptive_error = if compares(plan) {
+            let compare = || operation.adaptive_error(preoperative, source);
+            Some(self.clock.time(Phase::Compare, Some(at), compare)?)
+        } else {
+            None
+        };
+        // A volume less in memory while the rest is done.
+        drop(before);
         let warp = self
             .clock
             .time(Phase::Audit, Some(at), || operation.audit())?;
@@ -228,12 +236,6 @@ impl Session<'_, '_> {
                 at.candidate, at.stage, warp.jacobian_min
             ));
         }
-        let adaptive_error = if compares(plan) {
-            let compare = || operation.adaptive_error(preoperative, before);
-            Some(self.clock.time(Phase::Compare, Some(at), compare)?)
-        } else {
-            None
-        };
         let measures = self
             .clock
             .time(Phase::Measure, Some(at), || {

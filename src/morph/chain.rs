@@ -89,6 +89,15 @@ impl VoxelBox {
         [0, 1, 2].map(|axis| self.end[axis].saturating_sub(self.start[axis]))
     }
 
+    /// The box moved by `by` voxels.
+    #[must_use]
+    pub fn shifted(&self, by: [usize; 3]) -> Self {
+        Self {
+            start: [0, 1, 2].map(|axis| self.start[axis] + by[axis]),
+            end: [0, 1, 2].map(|axis| self.end[axis] + by[axis]),
+        }
+    }
+
     /// Whether it holds this voxel.
     pub fn holds(&self, at: [usize; 3]) -> bool {
         (0..3).all(|axis| at[axis] >= self.start[axis] && at[axis] < self.end[axis])

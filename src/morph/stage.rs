@@ -4,6 +4,11 @@
 //! V' = V + λ(V)·(V'₁ − V) with λ = w₁/Σw: one affine map and nine distances for a voxel
 //! (method section 3). Eight of the nine lines are parallel to x or z.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "a lane is a place in a dozen arrays at once"
+)]
+
 use glam::{DMat3, DVec3};
 
 use super::pair::{Frame, PairMap, Segment};
@@ -189,9 +194,8 @@ impl StageMap {
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
             let (ax, ay, az) = (x - a.x, y - a.y, z - a.z);
-            let place = ((ax * along.x + ay * along.y + az * along.z) * inverse_length2)
-                .max(0.0)
-                .min(1.0);
+            let place =
+                ((ax * along.x + ay * along.y + az * along.z) * inverse_length2).clamp(0.0, 1.0);
             let (rx, ry, rz) = (
                 ax - place * along.x,
                 ay - place * along.y,
@@ -263,7 +267,7 @@ impl StageMap {
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
             let to = DVec3::new(x - a.x, y - a.y, z - a.z);
-            let place = (to.dot(along) * inverse_length2).max(0.0).min(1.0);
+            let place = (to.dot(along) * inverse_length2).clamp(0.0, 1.0);
             let f1 = inverse_square(to - along * place);
             let (out_x, out_z) = (beyond(x, lo.x, hi.x), beyond(z, lo.z, hi.z));
             let mut held = Weight::default();

@@ -31,7 +31,7 @@ impl Taps {
     pub fn new(fine: usize, coarse: usize) -> Self {
         let position = fine as f64 * 0.5 - 0.25;
         // The four nearest centres: two at or before the position, two after.
-        let base = (fine + 1) / 2;
+        let base = fine.div_ceil(2);
         let first = base.saturating_sub(REACH).min(coarse.saturating_sub(1));
         let end = (base + REACH).min(coarse);
         let count = end.saturating_sub(first).max(1);
@@ -69,7 +69,7 @@ impl Taps {
 /// # Errors
 /// [`VolumeError`] where the machine has no memory, or `coarse` is not half of `grid`.
 pub fn upsample<T: Sample>(
-    coarse: &Volume<f64>,
+    coarse: &Volume<T::Mean>,
     grid: &Grid,
     rescale: Rescale,
 ) -> Result<Volume<T>, VolumeError> {
@@ -97,7 +97,7 @@ pub fn upsample<T: Sample>(
                     let weight = taps_z.weights[tap];
                     let from = samples.index_axis(Axis(0), taps_z.first + tap);
                     for (sum, &value) in blended.iter_mut().zip(from.iter()) {
-                        *sum += value * weight;
+                        *sum += value.to_f64() * weight;
                     }
                 }
                 for (to, taps_y) in to.chunks_exact_mut(nx).zip(&along_y) {

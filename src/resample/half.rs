@@ -37,12 +37,12 @@ pub fn half_grid(grid: &Grid) -> Result<Grid, GridError> {
 ///
 /// # Errors
 /// [`HalfError`] where an axis has a single voxel or the machine no memory.
-pub fn half<T: Sample>(volume: &Volume<T>) -> Result<Volume<f64>, HalfError> {
+pub fn half<T: Sample>(volume: &Volume<T>) -> Result<Volume<T::Mean>, HalfError> {
     let grid = half_grid(volume.grid())?;
     let [cx, cy, _] = grid.dims();
     let [nx, ny, _] = volume.grid().dims();
     let samples = volume.as_slice();
-    let mut coarse = Volume::<f64>::zeros(grid, Rescale::NONE)?;
+    let mut coarse = Volume::<T::Mean>::zeros(grid, Rescale::NONE)?;
     coarse
         .as_mut_slice()
         .par_chunks_mut(cx * cy)
@@ -59,7 +59,7 @@ pub fn half<T: Sample>(volume: &Volume<T>) -> Result<Volume<f64>, HalfError> {
                         .iter()
                         .map(|row| row[2 * x].to_f64() + row[2 * x + 1].to_f64())
                         .sum();
-                    *to = sum * 0.125;
+                    *to = T::Mean::from_interpolated(sum * 0.125);
                 }
             }
         });

@@ -57,6 +57,10 @@ pub trait Sample: Copy + Default + PartialEq + Send + Sync + fmt::Debug + 'stati
     /// Which one this is.
     const TYPE: SampleType;
 
+    /// A float that holds means of a few samples without a loss that shows: `f32` for what has 24 bits or
+    /// fewer.
+    type Mean: Sample;
+
     /// The value, to compute with. Integers beyond 2⁵³ are rounded to the nearest `f64`.
     fn to_f64(self) -> f64;
 
@@ -72,9 +76,10 @@ pub trait Sample: Copy + Default + PartialEq + Send + Sync + fmt::Debug + 'stati
 }
 
 macro_rules! sample_type {
-    ($type:ty, $variant:ident, $value:ident => $from:expr) => {
+    ($type:ty, $variant:ident, $mean:ty, $value:ident => $from:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
+            type Mean = $mean;
 
             #[inline]
             fn to_f64(self) -> f64 {
@@ -118,16 +123,16 @@ macro_rules! round_to {
 }
 
 // `f64::round` rounds half away from zero, and `as` clamps to the type's range.
-sample_type!(u8, U8, value => round_to!(value, u8));
-sample_type!(i8, I8, value => round_to!(value, i8));
-sample_type!(u16, U16, value => round_to!(value, u16));
-sample_type!(i16, I16, value => round_to!(value, i16));
-sample_type!(u32, U32, value => round_to!(value, u32));
-sample_type!(i32, I32, value => round_to!(value, i32));
-sample_type!(u64, U64, value => value.round() as Self);
-sample_type!(i64, I64, value => value.round() as Self);
-sample_type!(f32, F32, value => value as Self);
-sample_type!(f64, F64, value => value);
+sample_type!(u8, U8, f32, value => round_to!(value, u8));
+sample_type!(i8, I8, f32, value => round_to!(value, i8));
+sample_type!(u16, U16, f32, value => round_to!(value, u16));
+sample_type!(i16, I16, f32, value => round_to!(value, i16));
+sample_type!(u32, U32, f64, value => round_to!(value, u32));
+sample_type!(i32, I32, f64, value => round_to!(value, i32));
+sample_type!(u64, U64, f64, value => value.round() as Self);
+sample_type!(i64, I64, f64, value => value.round() as Self);
+sample_type!(f32, F32, f32, value => value as Self);
+sample_type!(f64, F64, f64, value => value);
 
 #[cfg(test)]
 mod tests {
