@@ -28,11 +28,8 @@ pub fn fill_component(
     let support = field.support();
     split_into_tiles(to, whole).into_par_iter().for_each_init(
         || (Scratch::new(), Tile::new()),
-        |(scratch, tile), (mut voxels, mut to)| {
-            for axis in 0..3 {
-                voxels.start[axis] += start[axis];
-                voxels.end[axis] += start[axis];
-            }
+        |(scratch, tile), (voxels, mut to)| {
+            let voxels = voxels.shifted(start);
             if !voxels.intersects(&support) {
                 return;
             }
