@@ -1,6 +1,6 @@
 //! Plans executed: everything is checked first, then computed stage by stage, then put in place at once.
 //!
-//! [`preflight`] turns plan files into [`Ready`] plans or every reason why not. [`run`] computes one of
+//! [`preflight`] turns plan files into [`Ready`] plans or every reason why not. [`run()`] computes one of
 //! them and tells an [`Observer`] how it goes. Neither knows a terminal.
 
 pub mod ct;

@@ -5,10 +5,10 @@
 //! (doi 10.1145/218380.218502).
 //!
 //! - [`pair`]: what one pair of feature lines does to a point, an affine map.
-//! - [`stage`]: one stage's map in its short form, the hot loop; [`reference`]: the general sum over any
+//! - [`stage`]: one stage's map in its short form, the hot loop; [`mod@reference`]: the general sum over any
 //!   number of lines, which the short form is tested against.
 //! - [`chain`]: several stages composed, on a lattice of voxels.
-//! - [`field`]: source positions for tiles of voxels, exactly ([`exact`]) or on an octree ([`octree`]).
+//! - [`field`]: source positions for tiles of voxels, exactly or on an octree.
 //! - [`warp`]: a volume sampled through a field; [`displacement`]: a field as LPS vectors.
 //! - [`audit`]: is the map folded, how far does it move tissue, how far is adaptive from exact.
 //!
