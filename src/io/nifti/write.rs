@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use ndarray::{Array3, ArrayView1, ArrayView3, ArrayViewMut3, Axis};
+use ndarray::{Array3, ArrayView1, ArrayView3, ArrayViewMut3, Axis, Slice};
 use rayon::prelude::*;
 
 use super::axes::GridSlab;
@@ -46,9 +46,16 @@ impl Template {
         write_header(&mut to, &self.header)?;
         let stored = self.orientation().stored_view(volume.samples());
         let [_, nj, _] = self.stored;
-        write_rows(&mut to, self.stored, size_of::<T>(), |row, bytes| {
-            encode(row_of(stored, row, nj), self.header.order, bytes);
-        })?;
+        let memory = &mut Vec::new();
+        write_rows(
+            &mut to,
+            self.stored,
+            size_of::<T>(),
+            memory,
+            |row, bytes| {
+                encode(row_of(stored, row, nj), self.header.order, bytes);
+            },
+        )?;
         to.flush()?;
         Ok(())
     }
@@ -78,6 +85,11 @@ impl Template {
         if axes.flipped[2] {
             starts.reverse();
         }
+        // One buffer for all slabs, as large as the thickest.
+        let mut largest = dims;
+        largest[across] = SLAB.min(dims[across]);
+        let mut values = Array3::<f32>::zeros((largest[2], largest[1], largest[0]));
+        let mut bytes = Vec::new();
         for component in 0..3 {
             for &start in &starts {
                 let mut slab = GridSlab {
@@ -86,14 +98,22 @@ impl Template {
                 };
                 slab.start[across] = start;
                 slab.dims[across] = SLAB.min(dims[across] - start);
-                let [nx, ny, nz] = slab.dims;
-                let mut values = Array3::<f32>::zeros((nz, ny, nx));
-                fill(component, slab, values.view_mut());
-                let stored = axes.stored_view(values.view());
+                let thickness = Slice::from(..slab.dims[across]);
+                let mut view = values.slice_axis_mut(Axis(2 - across), thickness);
+                view.fill(0.0);
+                fill(component, slab, view.view_mut());
+                let stored = axes.stored_view(view.view());
                 let (nk, nj, ni) = stored.dim();
-                write_rows(&mut to, [ni, nj, nk], size_of::<f32>(), |row, bytes| {
-                    encode(row_of(stored, row, nj), order, bytes);
-                })?;
+                let stored_dims = [ni, nj, nk];
+                write_rows(
+                    &mut to,
+                    stored_dims,
+                    size_of::<f32>(),
+                    &mut bytes,
+                    |row, bytes| {
+                        encode(row_of(stored, row, nj), order, bytes);
+                    },
+                )?;
             }
         }
         to.flush()?;
@@ -207,11 +227,12 @@ fn write_header(to: &mut impl Write, header: &RawHeader) -> io::Result<()> {
 }
 
 /// Makes the rows of a volume in stored order, many at a time and in parallel, and writes them.
-/// `fill` gets the row's number (j + k · nj) and the row's bytes.
+/// `fill` gets the row's number (j + k · nj) and the row's bytes. `bytes` is memory to work in.
 fn write_rows(
     to: &mut impl Write,
     stored: [usize; 3],
     sample_bytes: usize,
+    bytes: &mut Vec<u8>,
     fill: impl Fn(usize, &mut [u8]) + Sync,
 ) -> io::Result<()> {
     let [ni, nj, nk] = stored;
@@ -220,7 +241,7 @@ fn write_rows(
     let batch = (BATCH / row_bytes).clamp(1, rows);
     // Short rows are handed out several at a time.
     let share = ((64 << 10) / row_bytes).max(1);
-    let mut bytes = vec![0; batch * row_bytes];
+    bytes.resize(batch * row_bytes, 0);
     for first in (0..rows).step_by(batch) {
         let rows = batch.min(rows - first);
         let bytes = &mut bytes[..rows * row_bytes];
