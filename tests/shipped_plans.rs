@@ -24,7 +24,11 @@ const RELATIVE: f64 = 1e-5;
 const ABSOLUTE: f64 = 1e-4;
 
 /// Largest difference of a region's volume at half scale from full scale (the paper: up to 2.67 %).
-const HALF_LEE2001_PERCENT: f64 = 0.5;
+///
+/// Halving and bringing back blur by a variance of about 1.3 mm² along z at every stage, and a blurred
+/// rim loses about 1 mm² of its section: beneath the phantom's nose that is 2 % of a region
+/// (docs/phantom.md). `local` samples the CT once and has no such blur.
+const HALF_LEE2001_PERCENT: f64 = 2.2;
 const HALF_LOCAL_PERCENT: f64 = 0.25;
 
 /// Largest difference of a preoperative region from the analytic truth, at the phantom's voxels.
@@ -63,7 +67,10 @@ fn every_plan_that_ships_is_tested_here() {
     let mut names: Vec<_> = std::fs::read_dir(root().join("plans"))
         .unwrap()
         .map(|entry| entry.unwrap().path())
-        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "toml")
+        })
         .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
         .collect();
     names.sort();
@@ -89,11 +96,21 @@ fn table_one_is_as_printed() {
     ] {
         let stages = stages(plan);
         let printed = |value: f64| format!("{value:.2}");
-        let gamma: Vec<_> = stages.iter().map(|s| printed(s.measures.gamma_deg)).collect();
+        let gamma: Vec<_> = stages
+            .iter()
+            .map(|s| printed(s.measures.gamma_deg))
+            .collect();
         assert_eq!(gamma, ["70.95", "72.42", "110.54"], "{plan}");
-        let height: Vec<_> = stages.iter().map(|s| printed(s.measures.height_mm)).collect();
+        let height: Vec<_> = stages
+            .iter()
+            .map(|s| printed(s.measures.height_mm))
+            .collect();
         assert_eq!(height, ["22.37", "22.37", "13.53"], "{plan}");
-        let tips = [[129.0, 33.0, 61.0], [149.0, 33.0, 61.0], [149.0, 53.0, 61.0]];
+        let tips = [
+            [129.0, 33.0, 61.0],
+            [149.0, 33.0, 61.0],
+            [149.0, 53.0, 61.0],
+        ];
         let moves = [[0.0; 3], [20.0, 0.0, 0.0], [0.0, 20.0, 0.0]];
         for ((stage, tip), by) in stages.iter().zip(tips).zip(moves) {
             for axis in 0..3 {
@@ -125,7 +142,10 @@ fn both_operations_do_what_they_are_for() {
         let total = |stage: usize| stages(plan)[stage].measures.volume_total_mm3;
         let straighten = total(1) / total(0) - 1.0;
         let reduce = total(2) / total(1) - 1.0;
-        assert!(straighten.abs() < 0.12, "{plan}: straightening {straighten}");
+        assert!(
+            straighten.abs() < 0.12,
+            "{plan}: straightening {straighten}"
+        );
         assert!(reduce < -0.2, "{plan}: reducing {reduce}");
         for stage in &stages(plan)[1..] {
             assert!(!stage.folded, "{plan}: {:?}", stage.warp);
@@ -319,5 +339,9 @@ fn the_comparison_sees_what_it_should() {
     assert!(printed.same("| 149.4 |", "| 149.5 |"));
     assert!(!printed.same("| 149.4 |", "| 149.6 |"));
     assert!(!printed.same("| (129, 33, 61) |", "| (129, 34, 61) |"));
-    assert!(Path::new(env!("CARGO_MANIFEST_DIR")).join("golden").is_dir());
+    assert!(
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("golden")
+            .is_dir()
+    );
 }
