@@ -26,6 +26,7 @@ const COVER: f64 = 3.0;
 pub(super) enum Part {
     Cranium,
     Face,
+    Mask,
     Jaw,
     Neck,
     Cheeks,
@@ -38,7 +39,6 @@ pub(super) enum Part {
     Muzzle,
     Lips,
     Nose,
-    Philtrum,
     Airway,
     Vault,
     Midface,
@@ -53,18 +53,18 @@ pub(super) enum Part {
 pub(super) const TISSUE: Chain<16> = Chain([
     Step(Join::Union, Part::Cranium, 1.0),
     Step(Join::Union, Part::Face, 12.0),
+    Step(Join::Union, Part::Mask, 8.0),
     Step(Join::Union, Part::Jaw, 10.0),
     Step(Join::Union, Part::Neck, 14.0),
     Step(Join::Union, Part::Cheeks, 14.0),
     Step(Join::Union, Part::Chin, 10.0),
     Step(Join::Union, Part::Brow, 9.0),
-    Step(Join::Without, Part::Sockets, 8.0),
+    Step(Join::Without, Part::Sockets, 5.0),
     Step(Join::Union, Part::Lids, 2.5),
     Step(Join::Without, Part::LidLines, 0.8),
     Step(Join::Union, Part::Ears, 3.0),
     Step(Join::Union, Part::Muzzle, 9.0),
     Step(Join::Union, Part::Lips, 2.5),
-    Step(Join::Union, Part::Philtrum, 5.0),
     Step(Join::Union, Part::Nose, 4.0),
     Step(Join::Without, Part::Airway, 1.5),
 ]);
@@ -114,32 +114,32 @@ impl Part {
         // Rounded, so that the halves of what crosses the midline meet without a crease.
         let mirrored = [soft_abs(u, 2.0), y, z];
         match self {
-            Self::Cranium => ellipsoid(p, [0.0, 86.0, 95.0], [51.0, 51.0, 44.0]),
+            Self::Cranium => ellipsoid(p, [0.0, 86.0, 98.0], [51.0, 51.0, 45.0]),
             Self::Face => ellipsoid(p, [0.0, 80.0, 61.0], [43.0, 40.0, 34.0]),
-            Self::Jaw => ellipsoid(p, [0.0, 72.0, 44.0], [36.0, 33.0, 18.0]),
+            Self::Mask => mask(p, mirrored),
+            Self::Jaw => ellipsoid(p, [0.0, 68.0, 41.0], [38.0, 34.0, 20.0]),
             Self::Neck => {
                 let column = ellipse(u, y - 90.0, S::constant(26.0), S::constant(26.0));
                 intersection(column, z - 55.0, 10.0)
             }
             Self::Cheeks => ellipsoid(mirrored, [25.0, 60.0, 66.0], [15.0, 17.0, 11.0]),
-            Self::Chin => ellipsoid(p, [0.0, 46.5, 34.0], [14.0, 12.0, 9.0]),
+            Self::Chin => ellipsoid(p, [0.0, 41.0, 28.5], [15.0, 12.0, 9.0]),
             Self::Brow => {
                 // Highest over the middle of the eye.
                 let arch = z + bend(mirrored[0] - 17.0, 0.024, 0.4);
-                ellipsoid([mirrored[0], y, arch], [14.0, 43.5, 88.0], [14.0, 7.0, 5.0])
+                ellipsoid(
+                    [mirrored[0], y, arch],
+                    [14.0, 38.5, 102.0],
+                    [14.0, 7.0, 5.0],
+                )
             }
-            Self::Sockets => ellipsoid(mirrored, [19.0, 33.0, 79.0], [11.0, 8.5, 6.5]),
+            Self::Sockets => ellipsoid(mirrored, [19.0, 27.0, 93.0], [11.0, 9.5, 6.5]),
             Self::Lids => lids(mirrored),
             Self::LidLines => lid_lines(mirrored),
             Self::Ears => ears(mirrored),
-            Self::Muzzle => ellipsoid(p, [0.0, 49.2, 46.2], [17.0, 14.5, 11.0]),
+            Self::Muzzle => ellipsoid(p, [0.0, 46.0, 41.2], [17.0, 14.5, 9.0]),
             Self::Lips => lips(p),
             Self::Nose => nose(p),
-            Self::Philtrum => capsule(
-                [u * 0.7, y, z],
-                ([0.0, 37.0, 60.0], 4.5),
-                ([0.0, 37.6, 57.0], 4.2),
-            ),
             Self::Airway => airway(p),
             Self::Vault => ellipsoid(p, [0.0, 87.0, 97.0], [46.0, 45.0, 38.0]),
             Self::Brain => ellipsoid(p, [0.0, 87.0, 97.0], [41.0, 40.0, 33.0]),
@@ -161,7 +161,7 @@ impl Part {
 
 /// Closed eyelids over the eyeballs.
 fn lids<S: Scalar>(mirrored: Point<S>) -> S {
-    ellipsoid(mirrored, [19.0, 48.5, 78.0], [9.5, 8.2, 6.4])
+    ellipsoid(mirrored, [19.0, 43.5, 92.0], [9.5, 8.2, 6.4])
 }
 
 /// The line between the closed lids: a thin tube on their surface.
@@ -169,20 +169,20 @@ fn lid_lines<S: Scalar>(mirrored: Point<S>) -> S {
     const RADIUS: f64 = 0.65;
     let [side, y, z] = mirrored;
     let across = side - 19.0;
-    let height = z - 76.6 - bend(across, 0.036, 0.4);
+    let height = z - 90.6 - bend(across, 0.036, 0.4);
     // It thins out to the corners of the eye.
     let radius = -bend(across, 0.022, 0.4) + RADIUS;
     let tube = (lids(mirrored).square() + height.square()).sqrt() - radius;
-    intersection(tube, y - 44.0, 1.0)
+    intersection(tube, y - 39.0, 1.0)
 }
 
 /// Ear shells with their hollows.
 fn ears<S: Scalar>(mirrored: Point<S>) -> S {
     let [side, y, z] = mirrored;
     // Tilted backwards.
-    let p = [side, y - (z - 74.0) * 0.22, z];
-    let shell = ellipsoid(p, [50.0, 90.0, 74.0], [4.8, 8.0, 11.5]);
-    let hollow = ellipsoid(p, [55.5, 88.3, 74.5], [4.5, 4.6, 7.6]);
+    let p = [side, y - (z - 80.0) * 0.22, z];
+    let shell = ellipsoid(p, [50.0, 90.0, 80.0], [4.8, 8.0, 11.5]);
+    let hollow = ellipsoid(p, [55.5, 88.3, 80.5], [4.5, 4.6, 7.6]);
     without(shell, hollow, 2.0)
 }
 
@@ -191,9 +191,9 @@ fn lips<S: Scalar>([u, y, z]: Point<S>) -> S {
     // They follow the dental arch backwards, and dip to the corners of the mouth.
     let bent = y - bend(u, 0.054, 0.7);
     let upper = [u, bent, z + bend(u, 0.024, 0.3)];
-    let upper = ellipsoid(upper, [0.0, 34.1, 51.0], [11.4, 4.9, 3.1]);
+    let upper = ellipsoid(upper, [0.0, 31.2, 45.6], [11.4, 4.9, 3.1]);
     let lower = [u, bent, z - bend(u, 0.020, 0.3)];
-    let lower = ellipsoid(lower, [0.0, 34.8, 46.2], [12.0, 4.4, 3.2]);
+    let lower = ellipsoid(lower, [0.0, 31.8, 40.8], [12.0, 4.4, 3.2]);
     union(upper, lower, 0.8)
 }
 
@@ -205,30 +205,50 @@ const STEPS_ABOVE: f64 = 5.0;
 const NOSE_BACK: f64 = 40.0;
 /// The bridge: y in mm at z = 78.882 + 2.342·(5 − n).
 const RIDGE: [f64; 18] = [
-    37.5, 36.5, 35.2, 34.2, 33.1, 31.7, 30.0, 27.8, 25.5, 23.1, 20.6, 18.0, 15.8, 14.6, 14.8, 16.0,
-    18.0, 20.0,
+    38.0, 38.0, 37.5, 37.18, 34.36, 31.65, 28.96, 26.41, 23.99, 21.6, 19.3, 17.45, 15.85, 15.1,
+    15.1, 15.5, 16.5, 17.5,
 ];
+/// How far the middle of the face stands in front of the base plane, mm, at the same heights.
+const FACE_HEIGHT: [f64; 20] = [
+    -3.2, -1.6, -0.2, 1.2, 2.3, 3.25, 4.05, 4.7, 5.2, 5.5, 5.6, 5.4, 5.1, 5.05, 5.95, 6.65, 7.03,
+    7.3, 7.5, 7.6,
+];
+
+/// Cheeks, maxilla and upper lip: a broad front whose sections bend little along z, so that half scale, which
+/// blurs most along z, moves it little.
+fn mask<S: Scalar>([u, y, z]: Point<S>, mirrored: Point<S>) -> S {
+    let t = (-z + TOP_Z) * (1.0 / STEP) + STEPS_ABOVE;
+    let front = -spline(&FACE_HEIGHT, t) + BASE_Y;
+    let edge = mirrored[0] - 34.0;
+    let fold = (edge + soft_abs(edge, 6.0)) * 0.5;
+    let surface = (front + bend(u, 0.003, 0.2) + fold * 1.2 - y) * 0.8;
+    let body = intersection(surface, mirrored[0] - 46.5, 8.0);
+    let body = intersection(body, y - 78.0, 8.0);
+    let body = intersection(body, z - 92.0, 8.0);
+    // The outline narrows to the jaw.
+    intersection(body, (-z + 34.0 + bend(u, 0.02, 0.6)) * 0.86, 8.0)
+}
 /// Half the nose's width on the plane [`NOSE_BACK`], mm, at the same heights.
 const HALF_WIDTH: [f64; 18] = [
-    7.0, 7.0, 7.0, 7.0, 7.4, 9.1, 6.3, 5.9, 7.8, 10.3, 14.4, 13.9, 17.6, 18.4, 15.0, 14.0, 13.0,
-    13.0,
+    6.0, 6.0, 6.5, 7.2, 8.5, 10.4, 13.0, 15.6, 18.0, 20.1, 21.9, 23.3, 24.2, 24.8, 25.0, 25.0,
+    25.0, 25.0,
 ];
 /// How far the tip lies from the midline, mm (to the patient's right).
 const TIP_SHIFT: f64 = (129.0 - 141.089) * PIXEL_MM;
-/// How far the root stands in front of the base plane, mm.
-const ROOT_HEIGHT: f64 = BASE_Y - 71.61 * PIXEL_MM;
-/// How far the tip does, mm.
-const TIP_HEIGHT: f64 = BASE_Y - 33.0 * PIXEL_MM;
+/// The deviation grows from here, y in mm, to the tip: so far back the wings stay where they are.
+const SHEAR_FROM: f64 = 28.0;
+/// y of the tip, mm.
+const TIP_Y: f64 = 33.0 * PIXEL_MM;
 
-/// x from the midline, with the nose's deviation taken out: it grows from the root's height to the
-/// tip's, so the ridge is a straight line from root to tip while the face stays symmetric.
+/// x from the midline, with the nose's deviation taken out: it grows from [`SHEAR_FROM`] to the
+/// tip, so the ridge goes nearly straight from root to tip while face and wings stay almost symmetric.
 fn straightened<S: Scalar>(u: S, y: S) -> S {
-    let rise = (-y + (BASE_Y - ROOT_HEIGHT)) * (1.0 / (TIP_HEIGHT - ROOT_HEIGHT));
+    let rise = (-y + SHEAR_FROM) * (1.0 / (SHEAR_FROM - TIP_Y));
     let ramp = (rise + soft_abs(rise, 0.12)) * 0.5;
     u - ramp * TIP_SHIFT
 }
 
-/// The nose without its nostrils: sections along the bridge, tip, wings and the column to the lip.
+/// The nose without its nostrils: sections along the bridge and the tip.
 fn nose<S: Scalar>([u, y, z]: Point<S>) -> S {
     let straight = straightened(u, y);
     let t = (-z + TOP_Z) * (1.0 / STEP) + STEPS_ABOVE;
@@ -236,35 +256,25 @@ fn nose<S: Scalar>([u, y, z]: Point<S>) -> S {
     let width = spline(&HALF_WIDTH, t);
     let bridge = ellipse(straight, -y + NOSE_BACK, width, height);
     let bridge = intersection(bridge, z - 92.0, 4.0);
-    let tip = ellipsoid([straight, y, z], [0.0, 20.9, 61.0], [7.2, 6.5, 5.0]);
-    let wings = [soft_abs(u, 1.0), y, z];
-    let wings = ellipsoid(wings, [14.1, 29.3, 61.8], [6.3, 9.5, 5.6]);
-    let whole = union(union(bridge, tip, 4.0), wings, 7.0);
+    let tip = ellipsoid([straight, y, z], [0.0, 21.2, 61.0], [7.2, 6.5, 5.0]);
+    let whole = union(bridge, tip, 4.0);
     // The underside rises to the tip and to the rims of the wings.
-    let below = -z + (-y + 36.0) * 0.05 + bend(u, 0.0024, 0.2) + 58.45;
-    let whole = intersection(whole, below, 6.0);
-    let columella = capsule(
-        [straight, y, z],
-        ([0.0, 21.5, 60.6], 2.3),
-        ([0.0, 37.0, 59.3], 2.8),
-    );
-    union(whole, columella, 2.5)
+    let below = -z + (-y + 30.0) * 0.05 + bend(u, 0.0012, 0.2) + 59.4;
+    let whole = intersection(whole, below, 3.0);
+    whole
 }
 
-/// Nostrils, nasal cavity, nasopharynx and windpipe.
+/// Nostrils, nasal cavity, nasopharynx and windpipe. The nostrils end blindly: a channel back to the cavity
+/// would lie in front of the base plane, where half scale fills some of its 3 mm²/mm at every stage.
 fn airway<S: Scalar>([u, y, z]: Point<S>) -> S {
     // The nostrils are longer from front to back than across.
     const STRETCH: f64 = 0.68;
     let side = soft_abs(straightened(u, y), 0.4);
     let p = [side, y * STRETCH, z];
     let at = |x: f64, y: f64, z: f64| [x, y * STRETCH, z];
-    let nostril = union(
-        capsule(p, (at(6.8, 25.5, 52.0), 3.0), (at(6.0, 27.0, 61.0), 2.8)),
-        capsule(p, (at(6.0, 27.0, 61.0), 2.8), (at(3.9, 42.0, 65.0), 2.0)),
-        2.0,
-    );
+    let nostril = capsule(p, (at(6.8, 23.5, 52.0), 3.3), (at(6.4, 25.5, 60.6), 3.3));
     let cavity = [soft_abs(u, 0.4), y, z];
-    let cavity = rounded_box(cavity, [3.9, 60.0, 66.0], [0.8, 19.0, 4.6], 1.4);
+    let cavity = rounded_box(cavity, [3.9, 62.0, 66.0], [0.8, 18.0, 4.6], 1.4);
     let pharynx = union(
         capsule(
             [u, y, z],
