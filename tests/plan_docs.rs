@@ -7,10 +7,11 @@ use rhinoplan::plan::PlanFile;
 use rhinoplan::space::Grid;
 
 const PAGE: &str = include_str!("../docs/plan.md");
+const README: &str = include_str!("../README.md");
 
-/// The examples on the page.
-fn examples() -> Vec<&'static str> {
-    let blocks = PAGE.split("```toml\n").skip(1);
+/// The examples on a page.
+fn examples(page: &'static str) -> Vec<&'static str> {
+    let blocks = page.split("```toml\n").skip(1);
     blocks
         .map(|block| block.split("```").next().unwrap())
         .collect()
@@ -26,13 +27,35 @@ fn accept(text: &str) {
 
 #[test]
 fn examples_are_plans() {
-    let [whole, edits] = examples()[..] else {
+    let [whole, edits] = examples(PAGE)[..] else {
         panic!("the page has other examples now");
     };
     accept(whole);
     let stage = "f1 = [{ deviate = 8.84 }]";
     assert!(whole.contains(stage));
     accept(&whole.replace(stage, edits));
+}
+
+#[test]
+fn the_readme_shows_a_plan_and_what_a_fault_looks_like() {
+    let [plan] = examples(README)[..] else {
+        panic!("the README has other plans now");
+    };
+    accept(plan);
+    let grid = Grid::axis_aligned([320, 320, 151], [0.442, 0.442, 1.0]).unwrap();
+    let (_, shown) = README.split_once("```text\n").unwrap();
+    let (shown, _) = shown.split_once("```").unwrap();
+    // The line of the fault is in the plan where the page says it is.
+    let before = plan.find("[[candidate]]").unwrap();
+    let mut faulty = plan.to_owned();
+    faulty.insert_str(before, "[morph]\nmodle = \"local\"\n\n");
+    let file = PlanFile::from_text("smaller.toml", Path::new("."), &faulty);
+    let faults = file.resolve(&grid).unwrap_err();
+    let without_numbers = |text: &str| text.replace(|c: char| c.is_ascii_digit() || c == ' ', "");
+    assert_eq!(
+        without_numbers(faults.render(false).trim()),
+        without_numbers(shown.trim())
+    );
 }
 
 /// The program lists the keys that it knows where one is unknown: all are on the page.

@@ -13,6 +13,7 @@ use crate::morph::halfscale::CoarseDisplacement;
 use crate::morph::stage::{StageLines, StageMap, Taper};
 use crate::morph::warp::warp;
 use crate::plan::{Candidate, Method, Model, Morph, Plan, Scale, Stage, Tolerance};
+use crate::resample::half::HalfError;
 use crate::resample::{gaussian, half};
 use crate::space::Grid;
 use crate::volume::{Sample, Volume, VolumeError};
@@ -41,7 +42,11 @@ impl Operation {
         let (full, half) = (Lattice::full(grid), Lattice::half(grid));
         let units = match plan.morph.scale {
             Scale::Full => full,
-            Scale::Half => half,
+            Scale::Half => {
+                // A grid of a single plane has no half, and a field on none would move nothing.
+                half::half_grid(grid).map_err(HalfError::from)?;
+                half
+            }
         };
         let stages = candidate.stages.get(..=place).unwrap_or_default();
         let chain = |stages: &[Stage], on: &Lattice| -> Result<Chain, RunError> {
@@ -146,7 +151,12 @@ impl Operation {
                 Ok(FieldDifference::new(preoperative, &exact, &adaptive))
             }
             (Model::Lee2001, Scale::Full) => Ok(self.own_error(&self.full, before)),
-            (Model::Lee2001, Scale::Half) => Ok(self.own_error(&self.half, &half::half(before)?)),
+            (Model::Lee2001, Scale::Half) => {
+                let mut difference = self.own_error(&self.half, &half::half(before)?);
+                // In voxels of the full grid, as at full scale.
+                difference.position_max_voxels *= 2.0;
+                Ok(difference)
+            }
         }
     }
 

@@ -260,8 +260,7 @@ fn nose<S: Scalar>([u, y, z]: Point<S>) -> S {
     let whole = union(bridge, tip, 4.0);
     // The underside rises to the tip and to the rims of the wings.
     let below = -z + (-y + 30.0) * 0.05 + bend(u, 0.0012, 0.2) + 59.4;
-    let whole = intersection(whole, below, 3.0);
-    whole
+    intersection(whole, below, 3.0)
 }
 
 /// Nostrils, nasal cavity, nasopharynx and windpipe. The nostrils end blindly: a channel back to the cavity
