@@ -9,6 +9,9 @@ use super::chain::VoxelBox;
 /// Side of a tile, in voxels: a row is [`LANES`] positions.
 pub const TILE: usize = LANES;
 
+/// One row of positions, by axis.
+pub(super) type Lanes<'a> = (&'a [f64; LANES], &'a [f64; LANES], &'a [f64; LANES]);
+
 /// Source positions of the voxels of one tile, in voxels of its lattice.
 #[derive(Debug)]
 pub struct Tile {
@@ -47,6 +50,18 @@ impl Tile {
         start..start + TILE
     }
 
+    /// The source positions of the row at (y, z) from the tile's start, by axis. Those past the tile's end mean
+    /// nothing.
+    #[inline]
+    pub(super) fn lanes(&self, y: usize, z: usize) -> Option<Lanes<'_>> {
+        let row = Self::row(y, z);
+        Some((
+            one_row(&self.x, &row)?,
+            one_row(&self.y, &row)?,
+            one_row(&self.z, &row)?,
+        ))
+    }
+
     /// The source position of the voxel at an offset from the tile's start.
     #[inline]
     pub fn get(&self, [x, y, z]: [usize; 3]) -> DVec3 {
@@ -73,6 +88,10 @@ impl Tile {
         let start = self.voxels.start;
         DVec3::from_array([0, 1, 2].map(|axis| (start[axis] + offset[axis]) as f64))
     }
+}
+
+fn one_row<'a>(axis: &'a [f64], row: &std::ops::Range<usize>) -> Option<&'a [f64; LANES]> {
+    axis.get(row.clone())?.try_into().ok()
 }
 
 impl Default for Tile {

@@ -24,16 +24,17 @@ pub fn warp<T: Sample>(source: &Volume<T>, field: &Field<'_>) -> Volume<T> {
                 let [x0, y0, z0] = voxels.start;
                 for (z, mut plane) in to.outer_iter_mut().enumerate() {
                     for (y, mut to) in plane.outer_iter_mut().enumerate() {
-                        let (row, still) = (Tile::row(y, z), [(y0 + y) as f64, (z0 + z) as f64]);
-                        let (px, py, pz) =
-                            (&tile.x[row.clone()], &tile.y[row.clone()], &tile.z[row]);
-                        for (x, (((to, &px), &py), &pz)) in
-                            to.iter_mut().zip(px).zip(py).zip(pz).enumerate()
-                        {
-                            if [py, pz] == still && px == (x0 + x) as f64 {
-                                continue;
+                        let Some((px, py, pz)) = tile.lanes(y, z) else {
+                            continue;
+                        };
+                        let still = [(y0 + y) as f64, (z0 + z) as f64];
+                        let values = sampler.row(px, py, pz);
+                        for (lane, to) in to.iter_mut().enumerate() {
+                            let unmoved =
+                                px[lane] == (x0 + lane) as f64 && [py[lane], pz[lane]] == still;
+                            if !unmoved {
+                                *to = T::from_interpolated(values[lane]);
                             }
-                            *to = T::from_interpolated(sampler.at(px, py, pz));
                         }
                     }
                 }

@@ -103,32 +103,28 @@ macro_rules! sample_type {
     };
 }
 
-/// The nearest integer, halves away from zero: `f64::round` for values that fit an `i64`, without the call
-/// into the mathematics library that it is where the processor has no instruction for it.
-#[inline]
-fn round_small(value: f64) -> i64 {
-    // Truncates towards zero and clamps; not a number becomes 0.
-    let whole = value as i64;
-    let rest = value - whole as f64;
-    whole
-        .saturating_add(i64::from(rest >= 0.5))
-        .saturating_sub(i64::from(rest <= -0.5))
+/// The nearest integer of a type that fits another, halves away from zero, clamped: `f64::round` and `as`,
+/// without the call into the mathematics library that `round` is where the processor has no instruction
+/// for it.
+macro_rules! round_by {
+    ($value:expr, $type:ty, $wide:ty) => {{
+        let value: f64 = $value;
+        // Truncates towards zero and clamps; not a number becomes 0.
+        let whole = value as $wide;
+        let rest = value - whole as f64;
+        whole
+            .saturating_add(<$wide>::from(rest >= 0.5))
+            .saturating_sub(<$wide>::from(rest <= -0.5))
+            .clamp(<$type>::MIN as $wide, <$type>::MAX as $wide) as $type
+    }};
 }
 
-/// As [`round_small`], clamped to a narrower integer type.
-macro_rules! round_to {
-    ($value:expr, $type:ty) => {
-        round_small($value).clamp(<$type>::MIN as i64, <$type>::MAX as i64) as $type
-    };
-}
-
-// `f64::round` rounds half away from zero, and `as` clamps to the type's range.
-sample_type!(u8, U8, f32, value => round_to!(value, u8));
-sample_type!(i8, I8, f32, value => round_to!(value, i8));
-sample_type!(u16, U16, f32, value => round_to!(value, u16));
-sample_type!(i16, I16, f32, value => round_to!(value, i16));
-sample_type!(u32, U32, f64, value => round_to!(value, u32));
-sample_type!(i32, I32, f64, value => round_to!(value, i32));
+sample_type!(u8, U8, f32, value => round_by!(value, u8, i32));
+sample_type!(i8, I8, f32, value => round_by!(value, i8, i32));
+sample_type!(u16, U16, f32, value => round_by!(value, u16, i32));
+sample_type!(i16, I16, f32, value => round_by!(value, i16, i32));
+sample_type!(u32, U32, f64, value => round_by!(value, u32, i64));
+sample_type!(i32, I32, f64, value => round_by!(value, i32, i64));
 sample_type!(u64, U64, f64, value => value.round() as Self);
 sample_type!(i64, I64, f64, value => value.round() as Self);
 sample_type!(f32, F32, f32, value => value as Self);
@@ -139,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_rounding_is_that_of_the_standard_library() {
+    fn rounding_is_that_of_the_standard_library() {
         let near = [
             0.0,
             0.49999999999999994,
@@ -151,14 +147,32 @@ mod tests {
             1e9,
             4503599627370497.5,
         ];
-        for value in near.into_iter().chain((0..4000).map(|n| n as f64 * 0.125)) {
+        let odd = [f64::NAN, f64::INFINITY, 1e300];
+        let steps = (0..4000).map(|n| n as f64 * 0.125);
+        for value in near.into_iter().chain(odd).chain(steps) {
             for value in [value, -value] {
-                assert_eq!(round_small(value), value.round() as i64, "{value}");
+                assert_eq!(u8::from_interpolated(value), value.round() as u8, "{value}");
+                assert_eq!(
+                    i16::from_interpolated(value),
+                    value.round() as i16,
+                    "{value}"
+                );
+                assert_eq!(
+                    u16::from_interpolated(value),
+                    value.round() as u16,
+                    "{value}"
+                );
+                assert_eq!(
+                    i32::from_interpolated(value),
+                    value.round() as i32,
+                    "{value}"
+                );
+                assert_eq!(
+                    u32::from_interpolated(value),
+                    value.round() as u32,
+                    "{value}"
+                );
             }
-        }
-        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300] {
-            assert_eq!(i16::from_interpolated(value), value.round() as i16);
-            assert_eq!(u32::from_interpolated(value), value.round() as u32);
         }
     }
 

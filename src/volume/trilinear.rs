@@ -9,18 +9,65 @@ use super::{Sample, Volume};
 #[derive(Debug, Clone, Copy)]
 pub struct Trilinear<'a, T> {
     samples: &'a [T],
-    last: [f64; 3],
-    strides: [usize; 3],
+    axes: [Axis; 3],
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    /// Index of the last voxel.
+    last: f64,
+    /// Index of the last voxel that has a neighbour after it.
+    last_pair: f64,
+    /// Samples from one voxel to the next.
+    stride: usize,
+    /// The same, or 0 on an axis of a single voxel, which is its own neighbour.
+    to_next: usize,
+}
+
+/// 1.5 · 2⁵²: the sum of this and a number of fewer than 32 bits is a whole number, rounded to nearest, whose
+/// low bits are that number.
+const WHOLE: f64 = 6_755_399_441_055_744.0;
+
+impl Axis {
+    fn new(length: usize, stride: usize) -> Self {
+        Self {
+            last: length.saturating_sub(1) as f64,
+            last_pair: length.saturating_sub(2) as f64,
+            stride,
+            to_next: if length > 1 { stride } else { 0 },
+        }
+    }
+
+    /// The first voxel of a pair around a position, and how far between the two it is, after clamping
+    /// to the axis. A position on a voxel may be the end of one pair or the start of the next.
+    #[inline]
+    fn split(&self, position: f64) -> (usize, f64) {
+        // Comparisons that NaN fails, so that it becomes 0: one instruction each, unlike `f64::max`.
+        let position = if position > 0.0 { position } else { 0.0 };
+        let position = if position < self.last {
+            position
+        } else {
+            self.last
+        };
+        let before = position - 0.5;
+        let before = if before < self.last_pair {
+            before
+        } else {
+            self.last_pair
+        };
+        let whole = before + WHOLE;
+        let voxel = whole.to_bits() as u32;
+        (voxel as usize, position - (whole - WHOLE))
+    }
 }
 
 impl<'a, T: Sample> Trilinear<'a, T> {
     /// Prepares `volume`.
     pub fn new(volume: &'a Volume<T>) -> Self {
-        let [nx, ny, _] = volume.grid().dims();
+        let [nx, ny, nz] = volume.grid().dims();
         Self {
             samples: volume.as_slice(),
-            last: volume.grid().last_index().to_array(),
-            strides: [1, nx, nx * ny],
+            axes: [Axis::new(nx, 1), Axis::new(ny, nx), Axis::new(nz, nx * ny)],
         }
     }
 
@@ -28,41 +75,51 @@ impl<'a, T: Sample> Trilinear<'a, T> {
     /// value at 0 on that axis.
     #[inline]
     pub fn at(&self, x: f64, y: f64, z: f64) -> f64 {
-        let (x0, fx) = split(x, self.last[0]);
-        let (y0, fy) = split(y, self.last[1]);
-        let (z0, fz) = split(z, self.last[2]);
-        let [_, sy, sz] = self.strides;
-        let base = x0 + y0 * sy + z0 * sz;
-        // At the last voxel of an axis the fraction is zero and the neighbour is the voxel itself.
-        let dx = usize::from(fx > 0.0);
-        let dy = if fy > 0.0 { sy } else { 0 };
-        let dz = if fz > 0.0 { sz } else { 0 };
-        let along_x = |offset: usize| {
-            let a = self.samples[base + offset].to_f64();
-            let b = self.samples[base + offset + dx].to_f64();
-            a + (b - a) * fx
-        };
-        let along_y = |offset: usize| {
-            let a = along_x(offset);
-            let b = along_x(offset + dy);
-            a + (b - a) * fy
-        };
-        let a = along_y(0);
-        let b = along_y(dz);
-        a + (b - a) * fz
+        let [ax, ay, az] = &self.axes;
+        let ((x0, fx), (y0, fy), (z0, fz)) = (ax.split(x), ay.split(y), az.split(z));
+        let base = x0 + y0 * ay.stride + z0 * az.stride;
+        self.blend(base, [fx, fy, fz])
     }
-}
 
-/// The voxel at or before a position on one axis and the fraction of the way to the next, after
-/// clamping to the axis.
-#[inline]
-fn split(position: f64, last: f64) -> (usize, f64) {
-    // Comparisons that NaN fails, so that it becomes 0: one instruction each, unlike `f64::max` and `min`.
-    let position = if position > 0.0 { position } else { 0.0 };
-    let position = if position < last { position } else { last };
-    // An axis has at most 32767 voxels.
-    let index = position as u32;
-    (index as usize, position - f64::from(index))
+    /// As [`Trilinear::at`], for a row of positions: the same values, with what does not touch memory done for
+    /// all of them first.
+    #[inline]
+    pub fn row<const N: usize>(&self, x: &[f64; N], y: &[f64; N], z: &[f64; N]) -> [f64; N] {
+        let [ax, ay, az] = &self.axes;
+        let mut corners = [(0, 0, 0); N];
+        let mut shares = [[0.0; N]; 3];
+        for lane in 0..N {
+            let ((x0, fx), (y0, fy), (z0, fz)) =
+                (ax.split(x[lane]), ay.split(y[lane]), az.split(z[lane]));
+            corners[lane] = (x0, y0, z0);
+            shares[0][lane] = fx;
+            shares[1][lane] = fy;
+            shares[2][lane] = fz;
+        }
+        let mut values = [0.0; N];
+        for lane in 0..N {
+            let (x0, y0, z0) = corners[lane];
+            let base = x0 + y0 * ay.stride + z0 * az.stride;
+            values[lane] = self.blend(base, [shares[0][lane], shares[1][lane], shares[2][lane]]);
+        }
+        values
+    }
+
+    /// The blend of the eight voxels from `base` on.
+    #[inline]
+    fn blend(&self, base: usize, [fx, fy, fz]: [f64; 3]) -> f64 {
+        let [ax, ay, az] = &self.axes;
+        // Both ends of a blend are exact, which a + (b - a)·f is not at f = 1.
+        let (gx, gy, gz) = (1.0 - fx, 1.0 - fy, 1.0 - fz);
+        let along_x = |place: usize| {
+            let pair = &self.samples[place..=place + ax.to_next];
+            pair[0].to_f64() * gx + pair[pair.len() - 1].to_f64() * fx
+        };
+        let near = along_x(base) * gy + along_x(base + ay.to_next) * fy;
+        let base = base + az.to_next;
+        let far = along_x(base) * gy + along_x(base + ay.to_next) * fy;
+        near * gz + far * fz
+    }
 }
 
 #[cfg(test)]
@@ -89,6 +146,20 @@ mod tests {
             let expected = 1.0 + 2.0 * x - 3.0 * y + 5.0 * z;
             assert!((sampler.at(x, y, z) - expected).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn a_row_is_its_positions_one_by_one() {
+        let volume = ramp();
+        let sampler = Trilinear::new(&volume);
+        let x: [f64; 16] = std::array::from_fn(|lane| lane as f64 * 0.31 - 0.6);
+        let y = x.map(|x| 4.2 - x * 1.1);
+        let z = x.map(|x| x * x);
+        let row = sampler.row(&x, &y, &z);
+        for lane in 0..16 {
+            assert_eq!(row[lane], sampler.at(x[lane], y[lane], z[lane]));
+        }
+        assert!(row[3] != row[4]);
     }
 
     #[test]
