@@ -26,7 +26,6 @@ const COVER: f64 = 3.0;
 pub(super) enum Part {
     Cranium,
     Mask,
-    Jaw,
     Neck,
     Cheeks,
     Chin,
@@ -48,10 +47,9 @@ pub(super) enum Part {
 
 /// What the skin and the linings of the airways enclose. The order matters: a part is rounded into what
 /// stands before it.
-pub(super) const TISSUE: Chain<14> = Chain([
+pub(super) const TISSUE: Chain<13> = Chain([
     Step(Join::Union, Part::Cranium, 1.0),
     Step(Join::Union, Part::Mask, 8.0),
-    Step(Join::Union, Part::Jaw, 10.0),
     Step(Join::Union, Part::Neck, 20.0),
     Step(Join::Union, Part::Cheeks, 14.0),
     Step(Join::Union, Part::Chin, 10.0),
@@ -112,7 +110,6 @@ impl Part {
         match self {
             Self::Cranium => ellipsoid(p, [0.0, 86.0, 98.0], [51.0, 51.0, 45.0]),
             Self::Mask => mask(p, mirrored),
-            Self::Jaw => ellipsoid(p, [0.0, 68.0, 41.0], [36.0, 34.0, 20.0]),
             Self::Neck => {
                 // It leans forward to the head.
                 let along = y - 96.0 + bend(z, 0.004, 0.2);
