@@ -25,9 +25,7 @@ const COVER: f64 = 3.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
     Cranium,
-    Face,
     Mask,
-    Jaw,
     Neck,
     Cheeks,
     Chin,
@@ -36,7 +34,6 @@ pub(super) enum Part {
     Lids,
     LidLines,
     Ears,
-    Muzzle,
     Lips,
     Nose,
     Airway,
@@ -50,12 +47,10 @@ pub(super) enum Part {
 
 /// What the skin and the linings of the airways enclose. The order matters: a part is rounded into what
 /// stands before it.
-pub(super) const TISSUE: Chain<16> = Chain([
+pub(super) const TISSUE: Chain<13> = Chain([
     Step(Join::Union, Part::Cranium, 1.0),
-    Step(Join::Union, Part::Face, 12.0),
     Step(Join::Union, Part::Mask, 8.0),
-    Step(Join::Union, Part::Jaw, 10.0),
-    Step(Join::Union, Part::Neck, 14.0),
+    Step(Join::Union, Part::Neck, 20.0),
     Step(Join::Union, Part::Cheeks, 14.0),
     Step(Join::Union, Part::Chin, 10.0),
     Step(Join::Union, Part::Brow, 9.0),
@@ -63,7 +58,6 @@ pub(super) const TISSUE: Chain<16> = Chain([
     Step(Join::Union, Part::Lids, 2.5),
     Step(Join::Without, Part::LidLines, 0.8),
     Step(Join::Union, Part::Ears, 3.0),
-    Step(Join::Union, Part::Muzzle, 9.0),
     Step(Join::Union, Part::Lips, 2.5),
     Step(Join::Union, Part::Nose, 4.0),
     Step(Join::Without, Part::Airway, 1.5),
@@ -115,12 +109,12 @@ impl Part {
         let mirrored = [soft_abs(u, 2.0), y, z];
         match self {
             Self::Cranium => ellipsoid(p, [0.0, 86.0, 98.0], [51.0, 51.0, 45.0]),
-            Self::Face => ellipsoid(p, [0.0, 80.0, 61.0], [43.0, 40.0, 34.0]),
             Self::Mask => mask(p, mirrored),
-            Self::Jaw => ellipsoid(p, [0.0, 68.0, 41.0], [38.0, 34.0, 20.0]),
             Self::Neck => {
-                let column = ellipse(u, y - 90.0, S::constant(26.0), S::constant(26.0));
-                intersection(column, z - 55.0, 10.0)
+                // It leans forward to the head.
+                let along = y - 96.0 + bend(z, 0.004, 0.2);
+                let column = ellipse(u, along, S::constant(27.0), S::constant(26.0));
+                intersection(column, z - 72.0, 14.0)
             }
             Self::Cheeks => ellipsoid(mirrored, [25.0, 60.0, 66.0], [15.0, 17.0, 11.0]),
             Self::Chin => ellipsoid(p, [0.0, 41.0, 28.5], [15.0, 12.0, 9.0]),
@@ -129,7 +123,7 @@ impl Part {
                 let arch = z + bend(mirrored[0] - 17.0, 0.024, 0.4);
                 ellipsoid(
                     [mirrored[0], y, arch],
-                    [14.0, 38.5, 102.0],
+                    [14.0, 39.6, 102.0],
                     [14.0, 7.0, 5.0],
                 )
             }
@@ -137,8 +131,7 @@ impl Part {
             Self::Lids => lids(mirrored),
             Self::LidLines => lid_lines(mirrored),
             Self::Ears => ears(mirrored),
-            Self::Muzzle => ellipsoid(p, [0.0, 46.0, 41.2], [17.0, 14.5, 9.0]),
-            Self::Lips => lips(p),
+            Self::Lips => lips(mirrored),
             Self::Nose => nose(p),
             Self::Airway => airway(p),
             Self::Vault => ellipsoid(p, [0.0, 87.0, 97.0], [46.0, 45.0, 38.0]),
@@ -186,14 +179,14 @@ fn ears<S: Scalar>(mirrored: Point<S>) -> S {
     without(shell, hollow, 2.0)
 }
 
-/// Upper and lower lip.
-fn lips<S: Scalar>([u, y, z]: Point<S>) -> S {
-    // They follow the dental arch backwards, and dip to the corners of the mouth.
-    let bent = y - bend(u, 0.054, 0.7);
-    let upper = [u, bent, z + bend(u, 0.024, 0.3)];
-    let upper = ellipsoid(upper, [0.0, 31.2, 45.6], [11.4, 4.9, 3.1]);
-    let lower = [u, bent, z - bend(u, 0.020, 0.3)];
-    let lower = ellipsoid(lower, [0.0, 31.8, 40.8], [12.0, 4.4, 3.2]);
+/// Upper and lower lip. They taper to the corners of the mouth, where they go under the skin.
+fn lips<S: Scalar>([side, y, z]: Point<S>) -> S {
+    // They follow the dental arch backwards; the upper one dips to the corners, the lower one rises.
+    let bent = y - bend(side, 0.022, 0.32);
+    let upper = [side, bent, z + bend(side, 0.010, 0.2)];
+    let upper = capsule(upper, ([0.0, 29.5, 45.6], 3.1), ([18.0, 29.5, 45.6], 1.2));
+    let lower = [side, bent, z - bend(side, 0.010, 0.2)];
+    let lower = capsule(lower, ([0.0, 29.7, 40.6], 3.4), ([17.0, 29.7, 40.6], 1.2));
     union(upper, lower, 0.8)
 }
 
@@ -208,25 +201,43 @@ const RIDGE: [f64; 18] = [
     38.0, 38.0, 37.5, 37.18, 34.36, 31.65, 28.96, 26.41, 23.99, 21.6, 19.3, 17.45, 15.85, 15.1,
     15.1, 15.5, 16.5, 17.5,
 ];
-/// How far the middle of the face stands in front of the base plane, mm, at the same heights.
-const FACE_HEIGHT: [f64; 20] = [
-    -3.2, -1.6, -0.2, 1.2, 2.3, 3.25, 4.05, 4.7, 5.2, 5.5, 5.6, 5.4, 5.1, 5.05, 5.95, 6.65, 7.03,
-    7.3, 7.5, 7.6,
+/// How far the middle of the face stands in front of the base plane, mm, at the same heights, and on down to
+/// the chin.
+const FACE_HEIGHT: [f64; 32] = [
+    -1.6, -1.6, -0.2, 1.2, 2.3, 3.25, 4.05, 4.7, 5.2, 5.5, 5.6, 5.4, 5.1, 5.05, 5.95, 6.65, 7.03,
+    7.3, 7.5, 7.6, 7.5, 7.2, 6.5, 5.8, 5.6, 6.0, 6.7, 7.2, 7.2, 6.6, 5.0, 3.0,
 ];
+/// The lower face's sections change over steps of this height, mm, downwards from [`SECTIONS_TOP`].
+const SECTION_STEP: f64 = 8.0;
+const SECTIONS_TOP: f64 = 100.0;
+/// Half the face's width, mm, from the temples to the chin.
+const FACE_WIDTH: [f64; 12] = [
+    43.5, 43.5, 45.2, 45.8, 45.8, 45.4, 44.0, 40.8, 35.5, 28.5, 22.0, 20.0,
+];
+/// How far the front is rounded to the sides beyond its broad curve, a share: none beside the nose, all at
+/// the chin.
+const CHIN_ROUNDING: [f64; 12] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.15, 0.7, 1.0, 1.0];
 
-/// Cheeks, maxilla and upper lip: a broad front whose sections bend little along z, so that half scale, which
-/// blurs most along z, moves it little.
+/// Cheeks, maxilla, upper lip and lower face: a broad front whose sections beside the nose bend little along z,
+/// so that half scale, which blurs most along z, moves it little.
 fn mask<S: Scalar>([u, y, z]: Point<S>, mirrored: Point<S>) -> S {
     let t = (-z + TOP_Z) * (1.0 / STEP) + STEPS_ABOVE;
+    let section = (-z + SECTIONS_TOP) * (1.0 / SECTION_STEP);
     let front = -spline(&FACE_HEIGHT, t) + BASE_Y;
     let edge = mirrored[0] - 34.0;
     let fold = (edge + soft_abs(edge, 6.0)) * 0.5;
-    let surface = (front + bend(u, 0.003, 0.2) + fold * 1.2 - y) * 0.8;
-    let body = intersection(surface, mirrored[0] - 46.5, 8.0);
-    let body = intersection(body, y - 78.0, 8.0);
-    let body = intersection(body, z - 92.0, 8.0);
-    // The outline narrows to the jaw.
-    intersection(body, (-z + 34.0 + bend(u, 0.02, 0.6)) * 0.86, 8.0)
+    let chin = bend(u, 0.03, 0.6) * spline(&CHIN_ROUNDING, section);
+    let surface = (front + bend(u, 0.003, 0.2) + chin + fold * 1.2 - y) * 0.8;
+    // The sides: a superellipse of fourth order, behind the fold.
+    let width = spline(&FACE_WIDTH, section);
+    let (across, along) = (u.over(width).square(), ((y - 80.0) * (1.0 / 58.0)).square());
+    let sides = ((across.square() + along.square()).sqrt().sqrt() - 1.0) * width;
+    let body = intersection(surface, sides, 5.0);
+    // Behind, the jaw slants inwards to the neck; below, it rises to its angle.
+    let body = intersection(body, (mirrored[0] - 42.0) * 0.6 + (y - 79.0) * 0.8, 14.0);
+    let below = (-z + 20.0 + bend(y - 34.0, 0.02, 0.35)) * 0.94;
+    let body = intersection(body, below, 9.0);
+    intersection(body, z - 94.0, 10.0)
 }
 /// Half the nose's width on the plane [`NOSE_BACK`], mm, at the same heights.
 const HALF_WIDTH: [f64; 18] = [
