@@ -31,9 +31,9 @@ const ABSOLUTE: f64 = 1e-4;
 
 /// Largest difference of a region's volume at half scale from full scale (the paper: up to 2.67 %).
 ///
-/// Halving and bringing back blur by a variance of about 1.3 mm² along z at every stage, and a blurred
-/// rim loses about 1 mm² of its section: beneath the phantom's nose that is 2 % of a region
-/// (docs/phantom.md). `local` samples the CT once and has no such blur.
+/// Halving and bringing back blur by a variance of about 1.3 mm² along z at every stage, and a blurred rim
+/// loses section: beneath the phantom's nose up to 2 % of a region (docs/phantom.md). `local` samples the
+/// CT once and has no such blur.
 const HALF_LEE2001_PERCENT: f64 = 2.2;
 const HALF_LOCAL_PERCENT: f64 = 0.25;
 
