@@ -139,10 +139,10 @@ pub(super) fn measure<T: Sample>(
         if let Some(sum) = voxels.get_mut(stack.region) {
             *sum += content.tissue;
         }
-        any_tissue |= content.tissue > 0.0;
-        any_air |= content.air;
+        any_tissue |= content.has_tissue;
+        any_air |= content.has_air;
     }
-    if any_tissue && any_air {
+    if any_tissue && any_air && voxels.iter().sum::<f64>() > 0.0 {
         let voxel = volume.grid().voxel_volume();
         return Ok(RegionVolumes(voxels.map(|sum| sum * voxel)));
     }
@@ -153,12 +153,13 @@ pub(super) fn measure<T: Sample>(
             nasal_bones_z: slabs.nasal_bones_z,
             lip_z: slabs.lip_z,
         },
-        (false, true) => MeasureError::NoTissue {
+        // Tissue beside the regions but none in them is none.
+        (false, true) | (true, true) => MeasureError::NoTissue {
             skin_hu,
             lowest,
             highest,
         },
-        (true, _) => MeasureError::NoAir {
+        (true, false) => MeasureError::NoAir {
             skin_hu,
             lowest,
             highest,

@@ -23,8 +23,11 @@ pub(super) struct Stack {
 pub(super) struct Content {
     /// Volume of tissue in front of the base plane, in voxels.
     pub tissue: f64,
-    /// Whether any of it is air.
-    pub air: bool,
+    /// Whether a voxel in or beside it is tissue, and whether one is air. Voxels, not what is blended from
+    /// them: next to a steep edge a cubic goes beyond its taps.
+    pub has_tissue: bool,
+    /// See `has_tissue`.
+    pub has_air: bool,
     /// The first voxel met that cannot be computed with, as (x, y, z), and its HU.
     pub bad: Option<([usize; 3], f64)>,
 }
@@ -92,17 +95,22 @@ impl<'a, T: Sample> Sheets<'a, T> {
                 std::mem::swap(&mut rows.near, &mut rows.far);
             }
             for (row, y) in [(&mut rows.near, near), (&mut rows.far, far)] {
-                if row.y != Some(y)
-                    && let Err(bad) = self.load(stack, &sheets, y, row, &mut rows.slices)
-                {
+                if row.y == Some(y) {
+                    continue;
+                }
+                if let Err(bad) = self.load(stack, &sheets, y, row, &mut rows.slices) {
                     content.bad = Some(bad);
                     return content;
+                }
+                for depth in rows.slices[1].iter().chain(&rows.slices[2]) {
+                    content.has_tissue |= *depth >= 0.0;
+                    content.has_air |= *depth < 0.0;
                 }
             }
             let [nx, ..] = self.dims;
             let near = rows.near.depths.chunks_exact(nx);
             for (near, far) in near.zip(rows.far.depths.chunks_exact(nx)) {
-                area += self.strip(deep, near, far, &mut content.air);
+                area += self.strip(deep, near, far);
             }
         }
         content.tissue = area * stack.cell.length() / stack.sheets as f64;
@@ -111,7 +119,7 @@ impl<'a, T: Sample> Sheets<'a, T> {
 
     /// The tissue between two rows of a sheet, in pixels: its length along lines parallel to y, on which
     /// depth goes evenly from row to row.
-    fn strip(&self, deep: &Cell, near: &[f64], far: &[f64], air: &mut bool) -> f64 {
+    fn strip(&self, deep: &Cell, near: &[f64], far: &[f64]) -> f64 {
         let mut tissue = 0.0;
         for across in &self.across {
             let at = |row: &[f64], x: usize| row.get(x).copied().unwrap_or_default();
@@ -122,7 +130,6 @@ impl<'a, T: Sample> Sheets<'a, T> {
                 tissue += across.length() * deep.length();
                 continue;
             }
-            *air = true;
             if inside == [false; 4] {
                 continue;
             }
