@@ -122,12 +122,12 @@ impl Operation {
         }
     }
 
-    /// How the map of all stages so far behaves: in closed form at full scale, by differences of the field
-    /// that was brought up from half scale.
-    pub(super) fn audit(&self) -> Result<WarpAudit, VolumeError> {
+    /// How the map of all stages so far behaves: in closed form at full scale, by differences of
+    /// [`Operation::displacement`], given as `field`, at half scale.
+    pub(super) fn audit(&self, field: &Field<'_>) -> WarpAudit {
         match self.morph.scale {
-            Scale::Full => Ok(WarpAudit::new(&self.composed, &self.full, &self.nose)),
-            Scale::Half => Ok(WarpAudit::of_field(&self.displacement()?, &self.nose)),
+            Scale::Full => WarpAudit::new(&self.composed, &self.full, &self.nose),
+            Scale::Half => WarpAudit::of_field(field, &self.nose),
         }
     }
 

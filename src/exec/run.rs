@@ -18,6 +18,7 @@ use crate::io::staging::Staging;
 use crate::measure::{MeasureError, NoseGeometry, Slabs, region_volumes};
 use crate::morph::audit::WarpAudit;
 use crate::morph::displacement::fill_component;
+use crate::morph::field::Field;
 use crate::plan::{Candidate, Method, Model, Plan, Scale};
 use crate::report::record::{
     CandidateRecord, FORMAT, Inputs, Measures, OperationRecord, PREOPERATIVE, PlanRecord, Program,
@@ -226,9 +227,12 @@ impl Session<'_, '_> {
         };
         // A volume less in memory while the rest is done.
         drop(before);
-        let warp = self
-            .clock
-            .time(Phase::Audit, Some(at), || operation.audit())?;
+        // At half scale this evaluates the map: once, for the audit and for what is written.
+        let (field, warp) = self.clock.time(Phase::Audit, Some(at), || {
+            let field = operation.displacement()?;
+            let warp = operation.audit(&field);
+            Ok::<_, RunError>((field, warp))
+        })?;
         let folded = warp.jacobian_min <= 0.0;
         if folded {
             self.warn(format!(
@@ -248,7 +252,7 @@ impl Session<'_, '_> {
                 },
                 source,
             })?;
-        self.write(&operation, &volume, &stage_folder(candidate, place), at)?;
+        self.write(&field, &volume, &stage_folder(candidate, place), at)?;
         let record = StageRecord {
             name: stage.name.clone(),
             operation: Some(OperationRecord {
@@ -267,7 +271,7 @@ impl Session<'_, '_> {
 
     fn write<T: Sample>(
         &mut self,
-        operation: &Operation,
+        field: &Field<'_>,
         volume: &Volume<T>,
         folder: &Path,
         at: Place<'_>,
@@ -283,11 +287,9 @@ impl Session<'_, '_> {
             let path = self.staging.begin(folder.join("displacement.nii.gz"))?;
             let grid: &Grid = volume.grid();
             self.clock.time(Phase::WriteDisplacement, Some(at), || {
-                let field = operation.displacement()?;
                 save_displacement(&path, self.template, |component, slab, to| {
-                    fill_component(&field, grid, component, slab.start, to);
-                })?;
-                Ok::<(), RunError>(())
+                    fill_component(field, grid, component, slab.start, to);
+                })
             })?;
         }
         Ok(())
