@@ -153,15 +153,7 @@ fn make_parent(path: &Path) -> Result<(), ArtifactError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn names(folder: &Path) -> Vec<String> {
-        let mut names: Vec<_> = fs::read_dir(folder)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect();
-        names.sort();
-        names
-    }
+    use crate::io::tests::names;
 
     #[test]
     fn files_appear_together_and_nothing_else_does() {
