@@ -3,6 +3,7 @@
 //! Samples keep the file's own type; [`Rescale`] says what they mean in Hounsfield units. So a volume
 //! that nothing changes is written back bit for bit.
 
+mod mask;
 mod sample;
 mod trilinear;
 
@@ -11,6 +12,7 @@ use thiserror::Error;
 
 use crate::space::Grid;
 
+pub use mask::Mask;
 pub use sample::{Sample, SampleType};
 pub use trilinear::Trilinear;
 
