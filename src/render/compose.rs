@@ -1,0 +1,203 @@
+//! Objects put over each other, with smooth edges: the picture.
+
+use rayon::prelude::*;
+
+use super::camera::Camera;
+use super::layer::{Layer, NOTHING};
+use super::shade::{BACKGROUND, Encoder, Paint, linear};
+use crate::surface::SemiBoundary;
+
+/// Something to draw.
+#[derive(Debug, Clone, Copy)]
+pub struct Object<'a> {
+    /// Its surface.
+    pub surface: &'a SemiBoundary,
+    /// Its colour.
+    pub paint: Paint<'a>,
+    /// Above 0; 1 hides what is behind it.
+    pub opacity: f64,
+}
+
+/// What is at a pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// Place of the object in what was drawn.
+    pub object: usize,
+    /// Place of the voxel in the object's semi-boundary.
+    pub place: usize,
+    /// Index of the voxel, x, y, z.
+    pub voxel: [usize; 3],
+    /// Depth of the surface at the pixel's centre, mm towards the viewer from the camera's centre.
+    pub depth_mm: f64,
+}
+
+/// A picture, and what it shows where.
+#[derive(Debug)]
+pub struct Frame<'a> {
+    size: usize,
+    pixels: Vec<[u8; 3]>,
+    objects: Vec<Object<'a>>,
+    layers: Vec<Layer>,
+}
+
+/// Draws objects as a camera sees them.
+pub fn render<'a>(objects: &[Object<'a>], camera: &Camera) -> Frame<'a> {
+    let layers: Vec<Layer> = objects
+        .iter()
+        .map(|object| Layer::new(object, camera))
+        .collect();
+    let size = camera.size();
+    let encoder = Encoder::new();
+    let background = BACKGROUND.map(linear);
+    let mut pixels = vec![[0_u8; 3]; size * size];
+    pixels
+        .par_chunks_mut(size)
+        .enumerate()
+        .for_each(|(row, line)| {
+            for (column, pixel) in line.iter_mut().enumerate() {
+                let colour = composed(&layers, column, row, background);
+                *pixel = colour.map(|value| encoder.encode(value));
+            }
+        });
+    Frame {
+        size,
+        pixels,
+        objects: objects.to_vec(),
+        layers,
+    }
+}
+
+impl Frame<'_> {
+    /// Pixels a side.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    /// sRGB, row by row from the top left.
+    pub fn pixels(&self) -> &[[u8; 3]] {
+        &self.pixels
+    }
+
+    /// Which voxel is at a pixel (column, row), of the object that is foremost there; `None` where there
+    /// is none. This is what clicking on the surface needs.
+    pub fn pick(&self, column: usize, row: usize) -> Option<Hit> {
+        if column >= self.size || row >= self.size {
+            return None;
+        }
+        let pixel = row * self.size + column;
+        let hits = self.layers.iter().enumerate();
+        let hits = hits.filter(|(_, layer)| layer.place[pixel] != NOTHING);
+        let (object, layer) = hits.reduce(|best, next| {
+            if next.1.depth[pixel] > best.1.depth[pixel] {
+                next
+            } else {
+                best
+            }
+        })?;
+        let place = layer.place[pixel] as usize;
+        Some(Hit {
+            object,
+            place,
+            voxel: self.objects.get(object)?.surface.index(place)?,
+            depth_mm: f64::from(layer.depth[pixel]),
+        })
+    }
+
+    /// The range of values that a coloured object shows, over the pixels where it is foremost... its
+    /// smallest and largest; `None` where nothing of it is seen.
+    pub fn covered(&self) -> usize {
+        let covered = |pixel: &usize| {
+            self.layers
+                .iter()
+                .any(|layer| layer.place[*pixel] != NOTHING)
+        };
+        (0..self.size * self.size).filter(covered).count()
+    }
+}
+
+/// The layers at a pixel, the nearest on top, in linear light.
+fn composed(layers: &[Layer], column: usize, row: usize, background: [f32; 3]) -> [f32; 3] {
+    let mut colour = background;
+    let mut put = |[r, g, b, a]: [f32; 4]| {
+        colour = [
+            r + colour[0] * (1.0 - a),
+            g + colour[1] * (1.0 - a),
+            b + colour[2] * (1.0 - a),
+        ];
+    };
+    if let [layer] = layers {
+        put(layer.smoothed(column, row));
+        return colour;
+    }
+    // From the furthest to the nearest; a handful at most.
+    let mut left: Vec<&Layer> = layers.iter().collect();
+    let pixel = |layer: &Layer| layer.depth[row * layer.size + column];
+    left.sort_by(|a, b| pixel(a).total_cmp(&pixel(b)));
+    for layer in left {
+        put(layer.smoothed(column, row));
+    }
+    colour
+}
+
+impl Layer {
+    /// The colour of a pixel, blended with that of the neighbour across an edge of depth by the share of
+    /// the pixel that the edge leaves to it.
+    fn smoothed(&self, column: usize, row: usize) -> [f32; 4] {
+        let size = self.size;
+        let here = row * size + column;
+        let z = self.depth[here];
+        let mut sum = self.rgba[here];
+        let mut total = 0.0_f32;
+        let mut mixed = [0.0_f32; 4];
+        let neighbours = [
+            (column > 0).then(|| (here - 1, (column + 1 < size).then_some(here + 1))),
+            (column + 1 < size).then(|| (here + 1, (column > 0).then(|| here - 1))),
+            (row > 0).then(|| (here - size, (row + 1 < size).then_some(here + size))),
+            (row + 1 < size).then(|| (here + size, (row > 0).then(|| here - size))),
+        ];
+        for (neighbour, opposite) in neighbours.into_iter().flatten() {
+            let across = self.depth[neighbour];
+            if z == across || (z - across).abs() <= self.edge_mm {
+                continue;
+            }
+            let share = if z > across {
+                0.5 - self.edge(here, opposite)
+            } else {
+                // The pixel beyond the neighbour, on the same line.
+                let beyond = 2 * neighbour as isize - here as isize;
+                let column_of = |pixel: isize| pixel.rem_euclid(size as isize);
+                let step = (column_of(beyond) - column_of(here as isize)).unsigned_abs();
+                let inside = (0..(size * size) as isize).contains(&beyond) && (step == 2 || step == 0);
+                self.edge(neighbour, inside.then_some(beyond as usize)) - 0.5
+            };
+            if share > 0.0 {
+                total += share;
+                for (mixed, colour) in mixed.iter_mut().zip(self.rgba[neighbour]) {
+                    *mixed += share * colour;
+                }
+            }
+        }
+        if total > 0.0 {
+            let scale = if total > 1.0 { 1.0 / total } else { 1.0 };
+            let kept = 1.0 - total * scale;
+            for (sum, mixed) in sum.iter_mut().zip(mixed) {
+                *sum = *sum * kept + mixed * scale;
+            }
+        }
+        sum
+    }
+
+    /// How far beyond the centre of a pixel at an edge the object still reaches, pixels, 0 to 1: `inside`
+    /// falls to 0 at the edge, as steeply as it fell from the pixel behind.
+    fn edge(&self, pixel: usize, behind: Option<usize>) -> f32 {
+        let here = self.inside[pixel];
+        let behind = behind.filter(|&behind| {
+            (self.depth[behind] - self.depth[pixel]).abs() <= self.edge_mm
+        });
+        let Some(behind) = behind else {
+            return 0.5;
+        };
+        let slope = self.inside[behind] - here;
+        if slope > 1e-4 { (here / slope).min(1.0) } else { 0.5 }
+    }
+}

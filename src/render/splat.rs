@@ -1,0 +1,301 @@
+//! What one boundary voxel draws: a disc in the plane of its surface, as an ellipse on the picture.
+
+use glam::{DVec3, Vec3};
+
+use super::camera::Camera;
+use crate::surface::{BoundaryVoxel, NeighbourCode, SemiBoundary};
+
+/// Pixels that are drawn at once.
+pub(super) const QUAD: usize = 4;
+/// Radius of a disc in voxels: the discs of neighbouring voxels overlap on a plane of any orientation. A
+/// plane across a body diagonal needs most: there the discs' centres form triangles of side √2 voxels
+/// whose middle is 0.82 voxels from them.
+const RADIUS: f32 = 1.2;
+/// The same for voxels of a flat end, which form a square lattice (0.71 voxels suffice) and shall not
+/// overhang it.
+const FLAT_RADIUS: f32 = 0.8;
+/// A voxel whose exposed faces all look away more than this cannot be seen. Less is not enough: a surface
+/// is at up to 55° to the faces that it is made of.
+const AWAY: f64 = -0.82;
+/// Added to the size of a disc, pixels squared, so that one that is smaller than a pixel, or seen edge on,
+/// still covers the pixel that it is in.
+const LOW_PASS: f32 = 0.55;
+/// The least cosine between a disc's normal and the direction to the viewer: what is flatter is tilted
+/// up to this.
+const LEAST_FACING: f32 = 0.05;
+
+/// A camera, made ready for the rows of one grid. In single precision: pictures have fewer than 2¹³ pixels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Eye {
+    right: Vec3,
+    up: Vec3,
+    toward: Vec3,
+    /// On the picture (pixels right, pixels down, mm towards the viewer): voxel (0, 0, 0), and one voxel
+    /// along each axis.
+    origin: DVec3,
+    steps: [DVec3; 3],
+    pixels_per_mm: f32,
+    mm_per_pixel: f32,
+    offset_step: f32,
+    metric: Metric,
+    /// The faces that may belong to a surface that the viewer sees.
+    not_away: u8,
+    /// The faces that look at the viewer.
+    looking: u8,
+    ends: Ends,
+}
+
+/// Where the grid's part that is drawn ends, half a voxel beyond its last voxels, in grid mm.
+#[derive(Debug, Clone, Copy)]
+struct Ends {
+    first: [usize; 3],
+    last: [usize; 3],
+    spacing: Vec3,
+}
+
+/// Products of a step of one pixel to the right (r), down (d) and one mm towards the viewer (t), in units
+/// of a disc's radius: voxels, so that discs are as long as voxels are apart.
+#[derive(Debug, Clone, Copy)]
+struct Metric {
+    rr: f32,
+    dd: f32,
+    tt: f32,
+    rd: f32,
+    rt: f32,
+    dt: f32,
+}
+
+/// An ellipse of a plane on the picture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Splat {
+    /// The middle, pixels.
+    pub x: f32,
+    pub y: f32,
+    /// Depth of the middle, mm.
+    pub z: f32,
+    /// Depth for each pixel right and down, mm.
+    pub zx: f32,
+    pub zy: f32,
+    /// Q = a dx² + 2 b dx dy + c dy² is 0 in the middle and 1 on the rim.
+    pub a: f32,
+    pub b: f32,
+    pub c: f32,
+    /// How far the ellipse reaches from its middle to either side, and up and down, pixels.
+    pub half_width: f32,
+    pub half_height: f32,
+    /// Place in the semi-boundary.
+    pub place: u32,
+    /// Unit normal: right, up, towards the viewer.
+    pub normal: Vec3,
+    /// Where the disc is cut off: what is kept has k + kx dx + ky dy at least 0 for each.
+    pub clips: Option<[[f32; 3]; 2]>,
+}
+
+impl Eye {
+    pub(super) fn new(camera: &Camera, surface: &SemiBoundary) -> Self {
+        let spacing = surface.grid().spacing();
+        let mm = camera.mm_per_pixel();
+        let on_picture = |vector: DVec3| {
+            DVec3::new(
+                vector.dot(camera.right) / mm,
+                -vector.dot(camera.up) / mm,
+                vector.dot(camera.toward),
+            )
+        };
+        let middle = camera.size() as f64 / 2.0;
+        let radii = spacing * f64::from(RADIUS);
+        let r = camera.right * mm / radii;
+        let d = -camera.up * mm / radii;
+        let t = camera.toward / radii;
+        Self {
+            right: camera.right.as_vec3(),
+            up: camera.up.as_vec3(),
+            toward: camera.toward.as_vec3(),
+            origin: on_picture(-camera.centre.0) + DVec3::new(middle, middle, 0.0),
+            steps: [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| on_picture(axis * spacing)),
+            pixels_per_mm: (1.0 / mm) as f32,
+            mm_per_pixel: mm as f32,
+            offset_step: surface.offset_step() as f32,
+            metric: Metric {
+                rr: r.length_squared() as f32,
+                dd: d.length_squared() as f32,
+                tt: t.length_squared() as f32,
+                rd: r.dot(d) as f32,
+                rt: r.dot(t) as f32,
+                dt: d.dot(t) as f32,
+            },
+            not_away: NeighbourCode::looking(camera.toward, AWAY),
+            looking: NeighbourCode::looking(camera.toward, 0.0),
+            ends: Ends {
+                first: surface.region().first,
+                last: surface.region().last,
+                spacing: spacing.as_vec3(),
+            },
+        }
+    }
+
+    /// On the picture: the voxel of a row at x = 0. The row goes on in steps of [`Eye::along_row`].
+    pub(super) fn row(&self, y: usize, z: usize) -> Vec3 {
+        (self.origin + self.steps[1] * y as f64 + self.steps[2] * z as f64).as_vec3()
+    }
+
+    /// One voxel along x, on the picture.
+    pub(super) fn along_row(&self) -> Vec3 {
+        self.steps[0].as_vec3()
+    }
+
+    /// The order in which an axis is gone through so that what is near the viewer comes first: whether
+    /// from its last voxel to its first.
+    pub(super) fn reversed(&self) -> [bool; 3] {
+        self.steps.map(|step| step.z > 0.0)
+    }
+
+    /// How far from its voxel's centre a disc can reach on the picture, pixels.
+    pub(super) fn reach(&self, surface: &SemiBoundary) -> f32 {
+        let voxel = surface.grid().spacing().max_element() as f32;
+        (RADIUS + 1.28) * voxel * self.pixels_per_mm + 2.0
+    }
+
+    /// What a voxel draws, its centre at `at` on the picture; `None` where it cannot be seen.
+    #[inline]
+    pub(super) fn splat(
+        &self,
+        voxel: BoundaryVoxel,
+        index: [usize; 3],
+        at: Vec3,
+        place: u32,
+    ) -> Option<Splat> {
+        let faces = voxel.code().faces();
+        if faces & self.not_away == 0 {
+            return None;
+        }
+        let normal = voxel.normal();
+        let mut seen = Vec3::new(
+            normal.dot(self.right),
+            normal.dot(self.up),
+            normal.dot(self.toward),
+        );
+        let mut offset = voxel.offset_steps() * self.offset_step;
+        if seen.z < 0.0 {
+            // Its surface looks away. But a voxel of something thin has two surfaces, of which one normal
+            // tells one: where a visible face looks against the normal, the other is seen.
+            if !against(faces & self.looking, normal) {
+                return None;
+            }
+            seen = -seen;
+            offset = 0.0;
+        }
+        let facing = seen.z.max(LEAST_FACING);
+        let centre = at
+            + Vec3::new(
+                offset * seen.x * self.pixels_per_mm,
+                -offset * seen.y * self.pixels_per_mm,
+                offset * seen.z,
+            );
+        let zx = -seen.x / facing * self.mm_per_pixel;
+        let zy = seen.y / facing * self.mm_per_pixel;
+        let m = &self.metric;
+        let a = m.rr + 2.0 * zx * m.rt + zx * zx * m.tt;
+        let b = m.rd + zx * m.dt + zy * m.rt + zx * zy * m.tt;
+        let c = m.dd + 2.0 * zy * m.dt + zy * zy * m.tt;
+        // Widened by the low pass, as a covariance.
+        let det = a * c - b * b;
+        let scale = if voxel.code().is_cut() {
+            (FLAT_RADIUS / RADIUS) * (FLAT_RADIUS / RADIUS) / det
+        } else {
+            1.0 / det
+        };
+        let (xx, xy, yy) = (c * scale + LOW_PASS, -b * scale, a * scale + LOW_PASS);
+        let det = xx * yy - xy * xy;
+        Some(Splat {
+            x: centre.x,
+            y: centre.y,
+            z: centre.z,
+            zx,
+            zy,
+            a: yy / det,
+            b: -xy / det,
+            c: xx / det,
+            half_width: xx.sqrt(),
+            half_height: yy.sqrt(),
+            place,
+            normal: seen,
+            clips: self.clips(index, normal * offset, zx, zy),
+        })
+    }
+
+    /// Where the disc of a voxel near the end of what is drawn reaches beyond it. `from_centre` is the way
+    /// from the voxel's centre to the disc's.
+    #[inline]
+    fn clips(
+        &self,
+        index: [usize; 3],
+        from_centre: Vec3,
+        zx: f32,
+        zy: f32,
+    ) -> Option<[[f32; 3]; 2]> {
+        let Ends { first, last, .. } = self.ends;
+        let near = |axis: usize| index[axis] <= first[axis] + 1 || index[axis] + 1 >= last[axis];
+        if !(near(0) || near(1) || near(2)) {
+            return None;
+        }
+        let mut clips = [[f32::INFINITY, 0.0, 0.0]; 2];
+        let mut used = clips.iter_mut();
+        for axis in 0..3 {
+            let spacing = self.ends.spacing[axis];
+            let along_x = self.right[axis] * self.mm_per_pixel + zx * self.toward[axis];
+            let along_y = -self.up[axis] * self.mm_per_pixel + zy * self.toward[axis];
+            let below = index[axis].saturating_sub(first[axis]);
+            let above = last[axis].saturating_sub(index[axis]);
+            let (voxels, sign) = if below <= above { (below, 1.0) } else { (above, -1.0) };
+            if voxels > 1 {
+                continue;
+            }
+            let room = (voxels as f32 + 0.5) * spacing + sign * from_centre[axis];
+            if let Some(clip) = used.next() {
+                *clip = [room, sign * along_x, sign * along_y];
+            }
+        }
+        Some(clips)
+    }
+}
+
+/// Whether any of the faces looks against a normal.
+fn against(faces: u8, normal: Vec3) -> bool {
+    // In the order of the bits: -x, +x, -y, +y, -z, +z. A little slack: a face square to the normal is
+    // not its other side.
+    let n = normal.to_array();
+    let signs: u8 = (0..3).fold(0, |bits, axis| {
+        let low = u8::from(n[axis] > 0.3) << (2 * axis);
+        let high = u8::from(n[axis] < -0.3) << (2 * axis + 1);
+        bits | low | high
+    });
+    faces & signs != 0
+}
+
+impl Splat {
+    /// The quads of row `row` that the ellipse reaches into: first, and one after the last.
+    #[inline]
+    pub(super) fn quads(&self, row: usize) -> (usize, usize) {
+        let dy = row as f32 + 0.5 - self.y;
+        let middle = -self.b * dy / self.a;
+        let square = middle * middle - (self.c * dy * dy - 1.0) / self.a;
+        if square <= 0.0 {
+            return (0, 0);
+        }
+        let half = square.sqrt();
+        let centre = self.x + middle - 0.5;
+        // Float to integer conversion clamps: what is left of the picture is pixel 0, NaN as well.
+        let begin = (centre - half).ceil().max(0.0) as usize;
+        let end = ((centre + half).floor() + 1.0).max(0.0) as usize;
+        (begin / QUAD, end.div_ceil(QUAD))
+    }
+
+    /// First row, and one after the last, of a picture `height` high.
+    #[inline]
+    pub(super) fn rows(&self, height: usize) -> (usize, usize) {
+        let begin = (self.y - 0.5 - self.half_height).ceil().max(0.0) as usize;
+        let end = ((self.y - 0.5 + self.half_height).floor() + 1.0).max(0.0) as usize;
+        (begin, end.min(height))
+    }
+}

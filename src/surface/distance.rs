@@ -1,0 +1,180 @@
+//! How far one surface lies outside or inside another.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::boundary::{BoundaryVoxel, SemiBoundary};
+use crate::space::GridPoint;
+
+/// Looks up the nearest point of a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct SurfaceDistance<'a> {
+    surface: &'a SemiBoundary,
+    reach_mm: f64,
+    /// How far a surface point can be from the centre of its voxel, mm.
+    slack: f64,
+}
+
+/// A point of a surface, with its squared distance.
+#[derive(Debug, Clone, Copy)]
+struct Nearest {
+    point: DVec3,
+    normal: DVec3,
+    squared: f64,
+}
+
+impl<'a> SurfaceDistance<'a> {
+    /// Distances to `surface`, up to `reach_mm`.
+    pub fn new(surface: &'a SemiBoundary, reach_mm: f64) -> Self {
+        Self {
+            surface,
+            reach_mm,
+            slack: 1.27 * surface.grid().spacing().max_element(),
+        }
+    }
+
+    /// How far a point lies outside (positive) or inside the surface, mm; `None` where the surface is
+    /// further than the reach.
+    ///
+    /// Where the nearest surface point is square below, this is the distance to the plane through it,
+    /// which knows the surface between voxels; else the distance to the point.
+    pub fn signed(&self, point: GridPoint) -> Option<f64> {
+        let nearest = self.nearest(point.0, None)?;
+        Some(self.sign(point.0, &nearest))
+    }
+
+    /// The nearest surface point; `None` where the surface is further than the reach.
+    pub fn nearest_point(&self, point: GridPoint) -> Option<GridPoint> {
+        self.nearest(point.0, None)
+            .map(|nearest| GridPoint(nearest.point))
+    }
+
+    fn sign(&self, point: DVec3, nearest: &Nearest) -> f64 {
+        let from = point - nearest.point;
+        let along = from.dot(nearest.normal);
+        let across = (from.length_squared() - along * along).max(0.0).sqrt();
+        if across <= self.surface.grid().spacing().max_element() {
+            along
+        } else {
+            nearest.squared.sqrt().copysign(along)
+        }
+    }
+
+    fn candidate(&self, voxel: BoundaryVoxel, y: usize, z: usize, from: DVec3) -> Nearest {
+        let point = self.surface.surface_point(voxel, y, z).0;
+        Nearest {
+            point,
+            normal: voxel.normal().as_dvec3(),
+            squared: (point - from).length_squared(),
+        }
+    }
+
+    /// Rows are visited in square rings around the point's own, until no further ring can hold a nearer
+    /// point. `guess` is a point known to be near.
+    fn nearest(&self, from: DVec3, guess: Option<Nearest>) -> Option<Nearest> {
+        let grid = self.surface.grid();
+        let spacing = grid.spacing();
+        let [_, ny, nz] = grid.dims();
+        let centre = (from / spacing).round();
+        let (cy, cz) = (centre.y as isize, centre.z as isize);
+        let mut best: Option<Nearest> = guess;
+        let least = spacing.y.min(spacing.z);
+        let rings = ny.max(nz) as isize;
+        for ring in 0..=rings {
+            let limit = best.map_or(self.reach_mm, |best| best.squared.sqrt());
+            // The nearest that a row of this ring can be, half a voxel of rounding allowed for.
+            if (ring as f64 - 0.5) * least > limit + self.slack {
+                break;
+            }
+            for dz in -ring..=ring {
+                let edge = dz.abs() == ring;
+                let step = if edge || ring == 0 { 1 } else { 2 * ring };
+                let mut dy = -ring;
+                while dy <= ring {
+                    let (y, z) = (cy + dy, cz + dz);
+                    dy += step;
+                    if let (Ok(y), Ok(z)) = (usize::try_from(y), usize::try_from(z)) {
+                        self.search_row(y, z, from, &mut best);
+                    }
+                }
+            }
+        }
+        best.filter(|best| best.squared <= self.reach_mm * self.reach_mm)
+    }
+
+    fn search_row(&self, y: usize, z: usize, from: DVec3, best: &mut Option<Nearest>) {
+        let row = self.surface.row(y, z);
+        if row.is_empty() {
+            return;
+        }
+        let spacing = self.surface.grid().spacing();
+        let (dy, dz) = (y as f64 * spacing.y - from.y, z as f64 * spacing.z - from.z);
+        let across = dy * dy + dz * dz;
+        // Voxel centres within `half` of the point along x can still be nearer than the best.
+        let half = |best: &Option<Nearest>| {
+            let limit = best.map_or(self.reach_mm, |best| best.squared.sqrt()) + self.slack;
+            limit * limit - across
+        };
+        let mut window = half(best);
+        if window < 0.0 {
+            return;
+        }
+        let at = from.x / spacing.x;
+        let begin = row.partition_point(|voxel| (voxel.x() as f64) < at);
+        let mut try_voxel = |voxel: BoundaryVoxel| {
+            let dx = voxel.x() as f64 * spacing.x - from.x;
+            if dx * dx > window {
+                return false;
+            }
+            let found = self.candidate(voxel, y, z, from);
+            if best.is_none_or(|best| found.squared < best.squared) {
+                *best = Some(found);
+                window = half(best);
+            }
+            true
+        };
+        let (left, right) = row.split_at(begin);
+        for &voxel in left.iter().rev() {
+            if !try_voxel(voxel) {
+                break;
+            }
+        }
+        for &voxel in right {
+            if !try_voxel(voxel) {
+                break;
+            }
+        }
+    }
+}
+
+/// For every boundary voxel of `after`, how far its surface point lies outside (positive: tissue was added)
+/// or inside `before`, mm. NaN where `before` is further than `reach_mm`. Exactly 0 where the two surfaces
+/// hold the same voxel.
+pub fn signed_distances(after: &SemiBoundary, before: &SemiBoundary, reach_mm: f64) -> Vec<f32> {
+    let [_, ny, nz] = after.grid().dims();
+    let distance = SurfaceDistance::new(before, reach_mm);
+    let same_grid = after.grid().dims() == before.grid().dims();
+    let rows = (0..ny * nz).into_par_iter().map(|row| {
+        let (y, z) = (row % ny, row / ny);
+        let twin = if same_grid { before.row(y, z) } else { &[] };
+        // The nearest point of the voxel before is a good first guess for this one.
+        let mut guess: Option<Nearest> = None;
+        let voxels = after.row(y, z).iter().map(|&voxel| {
+            let same = twin
+                .binary_search_by_key(&voxel.x(), |twin| twin.x())
+                .is_ok_and(|place| twin[place] == voxel);
+            if same {
+                return 0.0;
+            }
+            let point = after.surface_point(voxel, y, z).0;
+            let from_guess = guess.map(|guess| Nearest {
+                squared: (guess.point - point).length_squared(),
+                ..guess
+            });
+            guess = distance.nearest(point, from_guess);
+            guess.map_or(f32::NAN, |nearest| distance.sign(point, &nearest) as f32)
+        });
+        voxels.collect::<Vec<f32>>()
+    });
+    rows.collect::<Vec<_>>().concat()
+}
