@@ -120,9 +120,7 @@ impl Camera {
         let middle = self.size as f64 / 2.0;
         let across = (at.x - middle) * self.mm_per_pixel;
         let up = (middle - at.y) * self.mm_per_pixel;
-        GridPoint(
-            self.centre.0 + self.right * across + self.up * up + self.toward * at.depth_mm,
-        )
+        GridPoint(self.centre.0 + self.right * across + self.up * up + self.toward * at.depth_mm)
     }
 }
 

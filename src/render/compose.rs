@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::camera::Camera;
-use super::layer::{Layer, NOTHING};
+use super::layer::{Layer, NO_EDGE, NOTHING};
 use super::shade::{BACKGROUND, Encoder, Paint, linear};
 use crate::surface::SemiBoundary;
 
@@ -103,8 +103,7 @@ impl Frame<'_> {
         })
     }
 
-    /// The range of values that a coloured object shows, over the pixels where it is foremost... its
-    /// smallest and largest; `None` where nothing of it is seen.
+    /// How many pixels show something.
     pub fn covered(&self) -> usize {
         let covered = |pixel: &usize| {
             self.layers
@@ -140,64 +139,37 @@ fn composed(layers: &[Layer], column: usize, row: usize, background: [f32; 3]) -
 }
 
 impl Layer {
-    /// The colour of a pixel, blended with that of the neighbour across an edge of depth by the share of
-    /// the pixel that the edge leaves to it.
+    /// The colour of a pixel; at an edge, that of its near and far side by their shares.
     fn smoothed(&self, column: usize, row: usize) -> [f32; 4] {
         let size = self.size;
         let here = row * size + column;
-        let z = self.depth[here];
-        let mut sum = self.rgba[here];
-        let mut total = 0.0_f32;
-        let mut mixed = [0.0_f32; 4];
-        let neighbours = [
-            (column > 0).then(|| (here - 1, (column + 1 < size).then_some(here + 1))),
-            (column + 1 < size).then(|| (here + 1, (column > 0).then(|| here - 1))),
-            (row > 0).then(|| (here - size, (row + 1 < size).then_some(here + size))),
-            (row + 1 < size).then(|| (here + size, (row > 0).then(|| here - size))),
+        let share = self.near[here];
+        if share == NO_EDGE {
+            return self.rgba[here];
+        }
+        let (mut near, mut far) = (here, here);
+        let beside = [
+            (column > 0).then(|| here - 1),
+            (column + 1 < size).then_some(here + 1),
+            (row > 0).then(|| here - size),
+            (row + 1 < size).then_some(here + size),
         ];
-        for (neighbour, opposite) in neighbours.into_iter().flatten() {
-            let across = self.depth[neighbour];
-            if z == across || (z - across).abs() <= self.edge_mm {
-                continue;
+        for pixel in beside.into_iter().flatten() {
+            if self.depth[pixel] > self.depth[near] {
+                near = pixel;
             }
-            let share = if z > across {
-                0.5 - self.edge(here, opposite)
-            } else {
-                // The pixel beyond the neighbour, on the same line.
-                let beyond = 2 * neighbour as isize - here as isize;
-                let column_of = |pixel: isize| pixel.rem_euclid(size as isize);
-                let step = (column_of(beyond) - column_of(here as isize)).unsigned_abs();
-                let inside = (0..(size * size) as isize).contains(&beyond) && (step == 2 || step == 0);
-                self.edge(neighbour, inside.then_some(beyond as usize)) - 0.5
-            };
-            if share > 0.0 {
-                total += share;
-                for (mixed, colour) in mixed.iter_mut().zip(self.rgba[neighbour]) {
-                    *mixed += share * colour;
-                }
+            if self.depth[pixel] < self.depth[far] {
+                far = pixel;
             }
         }
-        if total > 0.0 {
-            let scale = if total > 1.0 { 1.0 / total } else { 1.0 };
-            let kept = 1.0 - total * scale;
-            for (sum, mixed) in sum.iter_mut().zip(mixed) {
-                *sum = *sum * kept + mixed * scale;
-            }
+        // The pixel's own colour stands for the side that it is on.
+        let middle = (self.depth[near] + self.depth[far]) / 2.0;
+        if self.depth[here] > middle {
+            near = here;
+        } else {
+            far = here;
         }
-        sum
-    }
-
-    /// How far beyond the centre of a pixel at an edge the object still reaches, pixels, 0 to 1: `inside`
-    /// falls to 0 at the edge, as steeply as it fell from the pixel behind.
-    fn edge(&self, pixel: usize, behind: Option<usize>) -> f32 {
-        let here = self.inside[pixel];
-        let behind = behind.filter(|&behind| {
-            (self.depth[behind] - self.depth[pixel]).abs() <= self.edge_mm
-        });
-        let Some(behind) = behind else {
-            return 0.5;
-        };
-        let slope = self.inside[behind] - here;
-        if slope > 1e-4 { (here / slope).min(1.0) } else { 0.5 }
+        let (near, far) = (self.rgba[near], self.rgba[far]);
+        std::array::from_fn(|channel| near[channel] * share + far[channel] * (1.0 - share))
     }
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use super::compose::Object;
 use super::shade::{Paint, Shader};
-use super::splat::{Eye, QUAD, Splat};
+use super::splat::{Eye, FLAT, QUAD, Splat};
 use crate::surface::SemiBoundary;
 
 /// Rows of a picture that are drawn at a time: small enough for a core's cache.
@@ -24,10 +24,35 @@ pub(super) struct Layer {
     pub depth: Vec<f32>,
     /// Place in the semi-boundary of the foremost disc, or [`NOTHING`].
     pub place: Vec<u32>,
-    /// Falls to 0 at the edge of what is drawn, in proportion to the distance.
-    pub inside: Vec<f32>,
-    /// A larger jump of depth between pixels is an edge, mm.
-    pub edge_mm: f32,
+    /// In pixels at an edge, the share that belongs to what is on the near side of it; else [`NO_EDGE`].
+    pub near: Vec<f32>,
+}
+
+/// A pixel that no edge passes.
+pub(super) const NO_EDGE: f32 = -1.0;
+
+/// The depths on the two sides of an edge.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Edge {
+    /// What is at least this deep is on the near side, mm.
+    pub between: f32,
+}
+
+impl Edge {
+    /// The edge that passes a pixel of this depth, whose neighbours have those: where one differs by
+    /// more than `jump_mm`.
+    #[inline]
+    pub(super) fn at(depth: f32, neighbours: [f32; 4], jump_mm: f32) -> Option<Self> {
+        let near = neighbours.iter().fold(depth, |near, &z| near.max(z));
+        let far = neighbours.iter().fold(depth, |far, &z| far.min(z));
+        if far == f32::NEG_INFINITY {
+            let seen = near > far;
+            return seen.then_some(Self { between: f32::MIN });
+        }
+        (near - far > jump_mm).then_some(Self {
+            between: (near + far) / 2.0,
+        })
+    }
 }
 
 /// The part of a layer that one worker fills: whole rows.
@@ -36,7 +61,7 @@ struct Band<'a> {
     rgba: &'a mut [[f32; 4]],
     depth: &'a mut [f32],
     place: &'a mut [u32],
-    inside: &'a mut [f32],
+    near: &'a mut [f32],
 }
 
 impl Layer {
@@ -49,8 +74,7 @@ impl Layer {
             rgba: vec![[0.0; 4]; pixels],
             depth: vec![f32::NEG_INFINITY; pixels],
             place: vec![NOTHING; pixels],
-            inside: vec![0.0; pixels],
-            edge_mm: 1.5 * spacing + 4.0 * camera.mm_per_pixel() as f32,
+            near: vec![NO_EDGE; pixels],
         };
         let painter = Painter {
             object,
@@ -58,24 +82,25 @@ impl Layer {
             shader: Shader::new(object.opacity),
             size,
             blend_mm: spacing,
+            edge_mm: 1.5 * spacing + 4.0 * camera.mm_per_pixel() as f32,
         };
         let len = BAND * size;
         let bands = (
             layer.rgba.par_chunks_mut(len),
             layer.depth.par_chunks_mut(len),
             layer.place.par_chunks_mut(len),
-            layer.inside.par_chunks_mut(len),
+            layer.near.par_chunks_mut(len),
         );
         bands
             .into_par_iter()
             .enumerate()
-            .for_each(|(number, (rgba, depth, place, inside))| {
+            .for_each(|(number, (rgba, depth, place, near))| {
                 painter.paint(Band {
                     first: number * BAND,
                     rgba,
                     depth,
                     place,
-                    inside,
+                    near,
                 });
             });
         layer
@@ -89,7 +114,47 @@ struct Painter<'a> {
     size: usize,
     /// Discs within this depth of the foremost belong to the same surface.
     blend_mm: f32,
+    /// A larger jump of depth between pixels is an edge.
+    edge_mm: f32,
 }
+
+/// A band with a row more on either side, so that the edges at its rim are seen.
+#[derive(Debug, Clone, Copy)]
+struct Span {
+    /// First row; may be the one above the picture.
+    first: isize,
+    rows: usize,
+    quads: usize,
+}
+
+impl Span {
+    /// The rows that a splat covers, counted from the span's first.
+    fn rows_of(self, splat: &Splat) -> std::ops::Range<usize> {
+        let (begin, end) = splat.rows();
+        let row = |row: isize| (row - self.first).clamp(0, self.rows as isize) as usize;
+        row(begin)..row(end)
+    }
+
+    /// The quads of a row that a splat covers, as places in a buffer of the span; and the first's number in
+    /// its row.
+    fn quads_of(self, line: &Line, row: usize) -> (std::ops::Range<usize>, usize) {
+        let (from, to) = line.quads();
+        let base = row * self.quads;
+        (base + from.min(self.quads)..base + to.min(self.quads), from)
+    }
+
+    fn len(self) -> usize {
+        self.rows * self.quads
+    }
+}
+
+/// Where the four samples of a pixel at an edge lie, from its middle: no two in a row or a column.
+const SAMPLES: [[f32; 2]; 4] = [
+    [-0.375, -0.125],
+    [0.125, -0.375],
+    [0.375, 0.125],
+    [-0.125, 0.375],
+];
 
 /// Four pixels of the first pass: the foremost disc.
 #[derive(Debug, Clone, Copy)]
@@ -114,13 +179,24 @@ const MIDDLES: Vec4 = Vec4::new(0.5, 1.5, 2.5, 3.5);
 impl Painter<'_> {
     fn paint(&self, band: Band<'_>) {
         let height = band.depth.len() / self.size;
-        let splats = self.splats(band.first, height);
-        let fronts = self.fronts(&splats, band.first, height);
-        let sums = self.sums(&splats, &fronts, band.first, height);
-        let quads = self.size.div_ceil(QUAD);
+        let span = Span {
+            first: band.first as isize - 1,
+            rows: height + 2,
+            quads: self.size.div_ceil(QUAD),
+        };
+        let splats = self.splats(span);
+        let fronts = self.fronts(&splats, span);
+        let hidden = Hidden::new(&fronts, span);
+        let sums = self.sums(&splats, &fronts, &hidden, span);
+        let edges = self.edges(&fronts, span);
+        let samples = self.samples(&splats, &edges, span);
         for pixel in 0..band.depth.len() {
-            let (row, column) = (pixel / self.size, pixel % self.size);
-            let (quad, lane) = (row * quads + column / QUAD, column % QUAD);
+            let (row, column) = (pixel / self.size + 1, pixel % self.size);
+            let (quad, lane) = (row * span.quads + column / QUAD, column % QUAD);
+            let numbered = edges.of_quad.get(quad).filter(|&&number| number != NOTHING);
+            if let Some(&number) = numbered {
+                band.near[pixel] = edges.share(number as usize, lane, &samples);
+            }
             let front = &fronts[quad];
             let place = front.place[lane];
             if place == NOTHING {
@@ -129,43 +205,44 @@ impl Painter<'_> {
             let sum = &sums[quad];
             let normal = Vec3::new(sum.x[lane], sum.y[lane], sum.z[lane]).normalize_or(Vec3::Z);
             let weight = sum.weight[lane];
-            let value = if weight > 0.0 { sum.value[lane] / weight } else { 0.0 };
-            let cut = self.is_cut(place);
+            let value = if weight > 0.0 {
+                sum.value[lane] / weight
+            } else {
+                0.0
+            };
+            let cut = place & FLAT != 0;
             band.rgba[pixel] = self.shader.shade(&self.object.paint, normal, value, cut);
             band.depth[pixel] = front.depth[lane];
-            band.place[pixel] = place;
-            band.inside[pixel] = weight.sqrt();
+            band.place[pixel] = place & !FLAT;
         }
     }
 
-    /// The foremost disc of every pixel of a band; of equally deep ones the first drawn.
-    fn fronts(&self, splats: &[Splat], first: usize, height: usize) -> Vec<Front> {
-        let quads = self.size.div_ceil(QUAD);
+    /// The foremost disc of every pixel; of equally deep ones the first drawn.
+    fn fronts(&self, splats: &[Splat], span: Span) -> Vec<Front> {
         let nothing = Front {
             depth: Vec4::NEG_INFINITY,
             place: [NOTHING; QUAD],
         };
-        let mut fronts = vec![nothing; quads * height];
+        let mut fronts = vec![nothing; span.len()];
         for splat in splats {
-            let (begin, end) = splat.rows(first + height);
-            for row in begin.max(first)..end {
-                let line = Line::new(splat, row);
-                let (from, to) = splat.quads(row);
-                let base = (row - first) * quads;
-                let Some(fronts) = fronts.get_mut(base + from..base + to.min(quads)) else {
+            for row in span.rows_of(splat) {
+                let line = Line::new(splat, span.first + row as isize, [0.0; 2]);
+                let (range, from) = span.quads_of(&line, row);
+                let Some(fronts) = fronts.get_mut(range) else {
                     continue;
                 };
                 for (quad, front) in fronts.iter_mut().enumerate() {
                     let dx = line.dx(from + quad);
                     let z = line.depth(dx);
-                    let mut hit = line.q(dx).cmplt(Vec4::ONE) & z.cmpgt(front.depth);
-                    if splat.clips.is_some() {
-                        hit &= line.kept(dx);
-                    }
+                    let hit = line.covered(dx) & z.cmpgt(front.depth);
                     front.depth = Vec4::select(hit, z, front.depth);
                     let hit = hit.bitmask();
                     for (lane, place) in front.place.iter_mut().enumerate() {
-                        *place = if hit >> lane & 1 == 1 { splat.place } else { *place };
+                        *place = if hit >> lane & 1 == 1 {
+                            splat.place
+                        } else {
+                            *place
+                        };
                     }
                 }
             }
@@ -174,22 +251,17 @@ impl Painter<'_> {
     }
 
     /// The weighted sums over the discs at the depth of the foremost.
-    fn sums(&self, splats: &[Splat], fronts: &[Front], first: usize, height: usize) -> Vec<Sums> {
-        let quads = self.size.div_ceil(QUAD);
-        let hidden = Hidden::new(fronts, quads, height);
-        let mut all = vec![Sums::default(); fronts.len()];
+    fn sums(&self, splats: &[Splat], fronts: &[Front], hidden: &Hidden, span: Span) -> Vec<Sums> {
+        let mut all = vec![Sums::default(); span.len()];
         for splat in splats {
-            if hidden.hides(splat, first, self.blend_mm) {
+            if hidden.hides(splat, span, self.blend_mm) {
                 continue;
             }
             let [nx, ny, nz] = splat.normal.to_array().map(Vec4::splat);
             let value = Vec4::splat(self.scalar(splat.place));
-            let (begin, end) = splat.rows(first + height);
-            for row in begin.max(first)..end {
-                let line = Line::new(splat, row);
-                let (from, to) = splat.quads(row);
-                let base = (row - first) * quads;
-                let range = base + from..base + to.min(quads);
+            for row in span.rows_of(splat) {
+                let line = Line::new(splat, span.first + row as isize, [0.0; 2]);
+                let (range, from) = span.quads_of(&line, row);
                 let (Some(fronts), Some(sums)) = (fronts.get(range.clone()), all.get_mut(range))
                 else {
                     continue;
@@ -198,7 +270,8 @@ impl Painter<'_> {
                     let dx = line.dx(from + quad);
                     let near = line.depth(dx) + Vec4::splat(self.blend_mm);
                     let falling = (Vec4::ONE - line.q(dx)).max(Vec4::ZERO);
-                    let weight = Vec4::select(near.cmpge(front.depth), falling * falling, Vec4::ZERO);
+                    let weight =
+                        Vec4::select(near.cmpge(front.depth), falling * falling, Vec4::ZERO);
                     sum.x += weight * nx;
                     sum.y += weight * ny;
                     sum.z += weight * nz;
@@ -210,42 +283,112 @@ impl Painter<'_> {
         all
     }
 
+    /// The quads that hold a pixel at an edge of depth.
+    fn edges(&self, fronts: &[Front], span: Span) -> Edges {
+        let depth = |row: usize, column: Option<usize>| {
+            let column = column.filter(|&column| column < self.size);
+            column.map(|column| fronts[row * span.quads + column / QUAD].depth[column % QUAD])
+        };
+        let mut edges = Edges {
+            of_quad: vec![NOTHING; span.len()],
+            between: Vec::new(),
+        };
+        for row in 1..span.rows - 1 {
+            let line = row * span.quads;
+            for quad in 0..span.quads {
+                let here = fronts[line + quad].depth;
+                let mut between = [None; QUAD];
+                for (lane, between) in between.iter_mut().enumerate() {
+                    let column = quad * QUAD + lane;
+                    if column >= self.size {
+                        break;
+                    }
+                    let z = here[lane];
+                    let beside = |column| depth(row, column).unwrap_or(z);
+                    let neighbours = [
+                        beside(column.checked_sub(1)),
+                        beside(Some(column + 1)),
+                        self.row_beside(span, row - 1)
+                            .map_or(z, |row| depth(row, Some(column)).unwrap_or(z)),
+                        self.row_beside(span, row + 1)
+                            .map_or(z, |row| depth(row, Some(column)).unwrap_or(z)),
+                    ];
+                    *between = Edge::at(z, neighbours, self.edge_mm).map(|edge| edge.between);
+                }
+                if between.iter().any(Option::is_some) {
+                    edges.of_quad[line + quad] = edges.between.len() as u32;
+                    edges.between.push(between);
+                }
+            }
+        }
+        edges
+    }
+
+    /// A row of a span, if it is one of the picture.
+    fn row_beside(&self, span: Span, row: usize) -> Option<usize> {
+        let of_picture = span.first + row as isize;
+        (0..self.size as isize).contains(&of_picture).then_some(row)
+    }
+
+    /// Depth at the samples of the pixels of the quads at edges.
+    fn samples(&self, splats: &[Splat], edges: &Edges, span: Span) -> Vec<[Vec4; SAMPLES.len()]> {
+        let mut all = vec![[Vec4::NEG_INFINITY; SAMPLES.len()]; edges.between.len()];
+        if all.is_empty() {
+            return all;
+        }
+        for splat in splats {
+            for row in span.rows_of(splat) {
+                let line = Line::new(splat, span.first + row as isize, [0.0; 2]);
+                // A sample may be hit where no middle of a pixel is.
+                let begin = (splat.x - splat.half_width - 0.5).max(0.0) as usize / QUAD;
+                let end = (splat.x + splat.half_width + 0.5).max(0.0) as usize / QUAD + 1;
+                let base = row * span.quads;
+                let range = base + begin.min(span.quads)..base + end.min(span.quads);
+                let numbers = edges.of_quad.get(range).unwrap_or_default();
+                for (quad, &number) in numbers.iter().enumerate() {
+                    let Some(depths) = all.get_mut(number as usize) else {
+                        continue;
+                    };
+                    for (depth, sample) in depths.iter_mut().zip(SAMPLES) {
+                        let line = line.moved(splat, sample);
+                        let dx = line.dx(begin + quad);
+                        let z = line.depth(dx);
+                        let hit = line.covered(dx) & z.cmpgt(*depth);
+                        *depth = Vec4::select(hit, z, *depth);
+                    }
+                }
+            }
+        }
+        all
+    }
+
     /// The value of a voxel that is coloured by one; what has none is drawn as unchanged.
     fn scalar(&self, place: u32) -> f32 {
         match &self.object.paint {
             Paint::Plain(_) => 0.0,
             Paint::Scalar { values, .. } => {
-                let value = values.get(place as usize).copied().unwrap_or(0.0);
+                let value = values.get((place & !FLAT) as usize).copied().unwrap_or(0.0);
                 if value.is_finite() { value } else { 0.0 }
             }
         }
     }
 
-    fn is_cut(&self, place: u32) -> bool {
-        let voxels = self.object.surface.voxels();
-        voxels
-            .get(place as usize)
-            .is_some_and(|voxel| voxel.code().is_cut())
-    }
-
-    /// What the voxels draw that reach into `height` rows from `first`, those near the viewer first as the
-    /// octant of the viewing direction has it.
-    fn splats(&self, first: usize, height: usize) -> Vec<Splat> {
+    /// What the voxels draw that reach into a span, those near the viewer first as the octant of the
+    /// viewing direction has it.
+    fn splats(&self, span: Span) -> Vec<Splat> {
         let surface = self.object.surface;
         let [_, ny, nz] = surface.grid().dims();
         let [flip_x, flip_y, flip_z] = self.eye.reversed();
         let reach = self.eye.reach(surface);
-        let (top, bottom) = (first as f32 - reach, (first + height) as f32 + reach);
+        let top = span.first as f32 - reach;
+        let bottom = (span.first + span.rows as isize) as f32 + reach;
         let mut splats = Vec::new();
         for z in ordered(nz, flip_z) {
             for y in ordered(ny, flip_y) {
                 self.row(surface, [y, z], flip_x, [top, bottom], &mut splats);
             }
         }
-        splats.retain(|splat| {
-            let (begin, end) = splat.rows(first + height);
-            begin.max(first) < end
-        });
+        splats.retain(|splat| !span.rows_of(splat).is_empty());
         splats
     }
 
@@ -278,12 +421,36 @@ impl Painter<'_> {
             }
             let index = [voxel.x(), y, z];
             let place = (range.start + number) as u32;
-            to.extend(self.eye.splat(voxel, index, at, place));
+            self.eye.splats(voxel, index, at, place, to);
         }
     }
 }
 
+/// The quads at edges.
+#[derive(Debug)]
+struct Edges {
+    /// For each quad of a span its number among those at edges, or [`NOTHING`].
+    of_quad: Vec<u32>,
+    /// For each pixel of a quad at an edge, the depth between its two sides.
+    between: Vec<[Option<f32>; QUAD]>,
+}
+
+impl Edges {
+    /// The share of a pixel's samples on the near side, or [`NO_EDGE`].
+    fn share(&self, number: usize, lane: usize, samples: &[[Vec4; SAMPLES.len()]]) -> f32 {
+        let (Some(between), Some(samples)) = (self.between.get(number), samples.get(number)) else {
+            return NO_EDGE;
+        };
+        let Some(between) = between[lane] else {
+            return NO_EDGE;
+        };
+        let near = samples.iter().filter(|depth| depth[lane] >= between);
+        near.count() as f32 / SAMPLES.len() as f32
+    }
+}
+
 /// A disc on one row of pixels.
+#[derive(Debug, Clone, Copy)]
 struct Line {
     x: Vec4,
     a: Vec4,
@@ -291,24 +458,52 @@ struct Line {
     c: Vec4,
     z: Vec4,
     zx: Vec4,
-    clips: [[f32; 3]; 2],
+    clips: Option<[[f32; 3]; 2]>,
+    /// From the disc's middle to the row's.
     dy: f32,
+    /// First pixel, and one after the last, whose middle the disc covers; may be beyond the picture.
+    reach: (f32, f32),
 }
 
 impl Line {
+    /// The row, moved by a part of a pixel to the right and down.
     #[inline]
-    fn new(splat: &Splat, row: usize) -> Self {
-        let dy = row as f32 + 0.5 - splat.y;
+    fn new(splat: &Splat, row: isize, [right, down]: [f32; 2]) -> Self {
+        let dy = row as f32 + 0.5 + down - splat.y;
         Self {
-            x: MIDDLES - Vec4::splat(splat.x),
+            x: MIDDLES - Vec4::splat(splat.x - right),
             a: Vec4::splat(splat.a),
             b: Vec4::splat(2.0 * splat.b * dy),
             c: Vec4::splat(splat.c * dy * dy),
             z: Vec4::splat(splat.z + splat.zy * dy),
             zx: Vec4::splat(splat.zx),
-            clips: splat.clips.unwrap_or_default(),
+            clips: splat.clips,
             dy,
+            reach: splat.reach(dy),
         }
+    }
+
+    /// The same, moved.
+    #[inline]
+    fn moved(&self, splat: &Splat, [right, down]: [f32; 2]) -> Self {
+        let dy = self.dy + down;
+        Self {
+            x: self.x + Vec4::splat(right),
+            b: Vec4::splat(2.0 * splat.b * dy),
+            c: Vec4::splat(splat.c * dy * dy),
+            z: Vec4::splat(splat.z + splat.zy * dy),
+            dy,
+            ..*self
+        }
+    }
+
+    /// The quads with a covered pixel: first, and one after the last.
+    #[inline]
+    fn quads(&self) -> (usize, usize) {
+        // Float to integer conversion clamps: what is left of the picture is pixel 0, NaN as well.
+        let begin = self.reach.0.max(0.0) as usize;
+        let end = self.reach.1.max(0.0) as usize;
+        (begin / QUAD, end.div_ceil(QUAD))
     }
 
     /// From the disc's middle to the pixels of a quad.
@@ -327,12 +522,17 @@ impl Line {
         self.z + self.zx * dx
     }
 
-    /// The pixels that the end of what is drawn leaves.
-    fn kept(&self, dx: Vec4) -> BVec4A {
-        let [a, b] = self.clips.map(|[k, kx, ky]| {
-            (Vec4::splat(k + ky * self.dy) + Vec4::splat(kx) * dx).cmpge(Vec4::ZERO)
-        });
-        a & b
+    /// The pixels that the disc covers.
+    #[inline]
+    fn covered(&self, dx: Vec4) -> BVec4A {
+        let inside = self.q(dx).cmplt(Vec4::ONE);
+        match self.clips {
+            None => inside,
+            Some(clips) => clips.iter().fold(inside, |inside, &[k, kx, ky]| {
+                let room = Vec4::splat(k + ky * self.dy) + Vec4::splat(kx) * dx;
+                inside & room.cmpge(Vec4::ZERO)
+            }),
+        }
     }
 }
 
@@ -347,13 +547,13 @@ struct Hidden {
 }
 
 impl Hidden {
-    fn new(fronts: &[Front], quads: usize, height: usize) -> Self {
+    fn new(fronts: &[Front], span: Span) -> Self {
         let quads_of_square = SQUARE / QUAD;
-        let across = quads.div_ceil(quads_of_square);
-        let down = height.div_ceil(SQUARE);
+        let across = span.quads.div_ceil(quads_of_square);
+        let down = span.rows.div_ceil(SQUARE);
         let mut furthest = vec![f32::INFINITY; across * down];
         for (place, front) in fronts.iter().enumerate() {
-            let (row, quad) = (place / quads, place % quads);
+            let (row, quad) = (place / span.quads, place % span.quads);
             let square = row / SQUARE * across + quad / quads_of_square;
             furthest[square] = furthest[square].min(front.depth.min_element());
         }
@@ -364,13 +564,13 @@ impl Hidden {
         }
     }
 
-    fn hides(&self, splat: &Splat, first: usize, blend_mm: f32) -> bool {
+    fn hides(&self, splat: &Splat, span: Span, blend_mm: f32) -> bool {
         let nearest = splat.z
             + splat.zx.abs() * splat.half_width
             + splat.zy.abs() * splat.half_height
             + blend_mm;
         let square = |at: f32, last: usize| ((at.max(0.0) as usize) / SQUARE).min(last);
-        let y = splat.y - first as f32;
+        let y = splat.y - span.first as f32;
         let (top, bottom) = (
             square(y - splat.half_height, self.down - 1),
             square(y + splat.half_height, self.down - 1),

@@ -77,13 +77,7 @@ impl Shader {
     }
 
     /// Linear colour times opacity, and opacity.
-    pub(super) fn shade(
-        &self,
-        paint: &Paint<'_>,
-        normal: Vec3,
-        value: f32,
-        cut: bool,
-    ) -> [f32; 4] {
+    pub(super) fn shade(&self, paint: &Paint<'_>, normal: Vec3, value: f32, cut: bool) -> [f32; 4] {
         let colour = match paint {
             _ if cut => CUT,
             Paint::Plain(colour) => *colour,
@@ -91,7 +85,11 @@ impl Shader {
         };
         let lit = |light: &Light| light.strength * normal.dot(light.direction).max(0.0);
         let diffuse = AMBIENT + self.lights.iter().map(lit).sum::<f32>();
-        let shine = if cut { 0.0 } else { power_32(normal.dot(self.half)) * GLOSS };
+        let shine = if cut {
+            0.0
+        } else {
+            power_32(normal.dot(self.half)) * GLOSS
+        };
         // What is translucent is seen through a longer way where it is seen edge on.
         let opacity = if self.opacity < 1.0 {
             let way = 1.0 / normal.z.max(0.25);
@@ -161,7 +159,10 @@ mod tests {
         for value in 0..=255 {
             let back = encoder.encode(linear(value));
             // The table is coarse where sRGB is steep.
-            assert!(back.abs_diff(value) <= u8::from(value < 12), "{value} returns as {back}");
+            assert!(
+                back.abs_diff(value) <= u8::from(value < 12),
+                "{value} returns as {back}"
+            );
         }
     }
 }

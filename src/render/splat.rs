@@ -5,6 +5,8 @@ use glam::{DVec3, Vec3};
 use super::camera::Camera;
 use crate::surface::{BoundaryVoxel, NeighbourCode, SemiBoundary};
 
+/// Set in the place of a voxel where its flat end is meant, and not its surface.
+pub(super) const FLAT: u32 = 1 << 31;
 /// Pixels that are drawn at once.
 pub(super) const QUAD: usize = 4;
 /// Radius of a disc in voxels: the discs of neighbouring voxels overlap on a plane of any orientation. A
@@ -53,8 +55,8 @@ struct Ends {
     spacing: Vec3,
 }
 
-/// Products of a step of one pixel to the right (r), down (d) and one mm towards the viewer (t), in units
-/// of a disc's radius: voxels, so that discs are as long as voxels are apart.
+/// Products of a step of one pixel to the right (r), down (d) and one mm towards the viewer (t), in voxels: discs are as long
+/// as voxels are apart.
 #[derive(Debug, Clone, Copy)]
 struct Metric {
     rr: f32,
@@ -103,10 +105,9 @@ impl Eye {
             )
         };
         let middle = camera.size() as f64 / 2.0;
-        let radii = spacing * f64::from(RADIUS);
-        let r = camera.right * mm / radii;
-        let d = -camera.up * mm / radii;
-        let t = camera.toward / radii;
+        let r = camera.right * mm / spacing;
+        let d = -camera.up * mm / spacing;
+        let t = camera.toward / spacing;
         Self {
             right: camera.right.as_vec3(),
             up: camera.up.as_vec3(),
@@ -156,35 +157,59 @@ impl Eye {
         (RADIUS + 1.28) * voxel * self.pixels_per_mm + 2.0
     }
 
-    /// What a voxel draws, its centre at `at` on the picture; `None` where it cannot be seen.
+    /// What a voxel draws, its centre at `at` on the picture.
     #[inline]
-    pub(super) fn splat(
+    pub(super) fn splats(
         &self,
         voxel: BoundaryVoxel,
         index: [usize; 3],
         at: Vec3,
         place: u32,
-    ) -> Option<Splat> {
+        to: &mut Vec<Splat>,
+    ) {
         let faces = voxel.code().faces();
         if faces & self.not_away == 0 {
-            return None;
+            return;
         }
+        let near_end = self.ends.near(index);
         let normal = voxel.normal();
-        let mut seen = Vec3::new(
-            normal.dot(self.right),
-            normal.dot(self.up),
-            normal.dot(self.toward),
-        );
+        if near_end {
+            self.flat_ends(voxel, index, at, place, to);
+        }
+        if voxel.code().is_cut() {
+            return;
+        }
+        let mut seen = self.seen(normal);
         let mut offset = voxel.offset_steps() * self.offset_step;
         if seen.z < 0.0 {
             // Its surface looks away. But a voxel of something thin has two surfaces, of which one normal
             // tells one: where a visible face looks against the normal, the other is seen.
             if !against(faces & self.looking, normal) {
-                return None;
+                return;
             }
             seen = -seen;
             offset = 0.0;
         }
+        let mut splat = self.disc(seen, offset, RADIUS, at, place);
+        if near_end {
+            splat.clips = Some(self.clips(index, normal * offset, splat.zx, splat.zy));
+        }
+        to.push(splat);
+    }
+
+    /// A vector of the grid, as the viewer sees it: right, up, towards the viewer.
+    #[inline]
+    fn seen(&self, vector: Vec3) -> Vec3 {
+        Vec3::new(
+            vector.dot(self.right),
+            vector.dot(self.up),
+            vector.dot(self.toward),
+        )
+    }
+
+    /// The disc across a normal, `offset` mm along it from a voxel's centre.
+    #[inline]
+    fn disc(&self, seen: Vec3, offset: f32, radius: f32, at: Vec3, place: u32) -> Splat {
         let facing = seen.z.max(LEAST_FACING);
         let centre = at
             + Vec3::new(
@@ -199,15 +224,10 @@ impl Eye {
         let b = m.rd + zx * m.dt + zy * m.rt + zx * zy * m.tt;
         let c = m.dd + 2.0 * zy * m.dt + zy * zy * m.tt;
         // Widened by the low pass, as a covariance.
-        let det = a * c - b * b;
-        let scale = if voxel.code().is_cut() {
-            (FLAT_RADIUS / RADIUS) * (FLAT_RADIUS / RADIUS) / det
-        } else {
-            1.0 / det
-        };
+        let scale = radius * radius / (a * c - b * b);
         let (xx, xy, yy) = (c * scale + LOW_PASS, -b * scale, a * scale + LOW_PASS);
         let det = xx * yy - xy * xy;
-        Some(Splat {
+        Splat {
             x: centre.x,
             y: centre.y,
             z: centre.z,
@@ -220,25 +240,55 @@ impl Eye {
             half_height: yy.sqrt(),
             place,
             normal: seen,
-            clips: self.clips(index, normal * offset, zx, zy),
-        })
+            clips: None,
+        }
+    }
+
+    /// The flat faces of a voxel at the end of what is drawn. Where the surface passes through the voxel as
+    /// well, they end at it.
+    fn flat_ends(
+        &self,
+        voxel: BoundaryVoxel,
+        index: [usize; 3],
+        at: Vec3,
+        place: u32,
+        to: &mut Vec<Splat>,
+    ) {
+        for (face, outward) in NeighbourCode::FACES.iter().enumerate() {
+            let axis = face / 2;
+            let end = if face % 2 == 0 {
+                self.ends.first[axis]
+            } else {
+                self.ends.last[axis]
+            };
+            let exposed = voxel.code().faces() & self.looking & 1 << face != 0;
+            if !exposed || index[axis] != end {
+                continue;
+            }
+            let outward = Vec3::from_array(outward.map(f32::from));
+            let offset = self.ends.spacing[axis] / 2.0;
+            let rim = !voxel.code().is_cut();
+            let radius = if rim { RADIUS } else { FLAT_RADIUS };
+            let mut splat = self.disc(self.seen(outward), offset, radius, at, place | FLAT);
+            if rim {
+                let normal = voxel.normal();
+                let surface = voxel.offset_steps() * self.offset_step;
+                let along = |step: Vec3| -step.dot(normal);
+                let right = self.right * self.mm_per_pixel + self.toward * splat.zx;
+                let down = -self.up * self.mm_per_pixel + self.toward * splat.zy;
+                let room = surface - (outward * offset).dot(normal);
+                let unused = [f32::INFINITY, 0.0, 0.0];
+                splat.clips = Some([[room, along(right), along(down)], unused]);
+            }
+            to.push(splat);
+        }
     }
 
     /// Where the disc of a voxel near the end of what is drawn reaches beyond it. `from_centre` is the way
     /// from the voxel's centre to the disc's.
     #[inline]
-    fn clips(
-        &self,
-        index: [usize; 3],
-        from_centre: Vec3,
-        zx: f32,
-        zy: f32,
-    ) -> Option<[[f32; 3]; 2]> {
+    fn clips(&self, index: [usize; 3], from_centre: Vec3, zx: f32, zy: f32) -> [[f32; 3]; 2] {
         let Ends { first, last, .. } = self.ends;
-        let near = |axis: usize| index[axis] <= first[axis] + 1 || index[axis] + 1 >= last[axis];
-        if !(near(0) || near(1) || near(2)) {
-            return None;
-        }
         let mut clips = [[f32::INFINITY, 0.0, 0.0]; 2];
         let mut used = clips.iter_mut();
         for axis in 0..3 {
@@ -247,16 +297,29 @@ impl Eye {
             let along_y = -self.up[axis] * self.mm_per_pixel + zy * self.toward[axis];
             let below = index[axis].saturating_sub(first[axis]);
             let above = last[axis].saturating_sub(index[axis]);
-            let (voxels, sign) = if below <= above { (below, 1.0) } else { (above, -1.0) };
+            let (voxels, sign) = if below <= above {
+                (below, 1.0)
+            } else {
+                (above, -1.0)
+            };
             if voxels > 1 {
                 continue;
             }
-            let room = (voxels as f32 + 0.5) * spacing + sign * from_centre[axis];
+            // A little more, for the discs that lie in the end itself.
+            let room = (voxels as f32 + 0.55) * spacing + sign * from_centre[axis];
             if let Some(clip) = used.next() {
                 *clip = [room, sign * along_x, sign * along_y];
             }
         }
-        Some(clips)
+        clips
+    }
+}
+
+impl Ends {
+    /// Whether the disc of a voxel can reach beyond an end.
+    #[inline]
+    fn near(&self, index: [usize; 3]) -> bool {
+        (0..3).any(|axis| index[axis] <= self.first[axis] + 1 || index[axis] + 1 >= self.last[axis])
     }
 }
 
@@ -274,28 +337,25 @@ fn against(faces: u8, normal: Vec3) -> bool {
 }
 
 impl Splat {
-    /// The quads of row `row` that the ellipse reaches into: first, and one after the last.
+    /// First pixel, and one after the last, whose middle the ellipse covers `dy` below its own; an empty
+    /// range where it covers none.
     #[inline]
-    pub(super) fn quads(&self, row: usize) -> (usize, usize) {
-        let dy = row as f32 + 0.5 - self.y;
+    pub(super) fn reach(&self, dy: f32) -> (f32, f32) {
         let middle = -self.b * dy / self.a;
         let square = middle * middle - (self.c * dy * dy - 1.0) / self.a;
         if square <= 0.0 {
-            return (0, 0);
+            return (0.0, 0.0);
         }
         let half = square.sqrt();
         let centre = self.x + middle - 0.5;
-        // Float to integer conversion clamps: what is left of the picture is pixel 0, NaN as well.
-        let begin = (centre - half).ceil().max(0.0) as usize;
-        let end = ((centre + half).floor() + 1.0).max(0.0) as usize;
-        (begin / QUAD, end.div_ceil(QUAD))
+        ((centre - half).ceil(), (centre + half).floor() + 1.0)
     }
 
-    /// First row, and one after the last, of a picture `height` high.
+    /// First row, and one after the last, that the ellipse reaches into.
     #[inline]
-    pub(super) fn rows(&self, height: usize) -> (usize, usize) {
-        let begin = (self.y - 0.5 - self.half_height).ceil().max(0.0) as usize;
-        let end = ((self.y - 0.5 + self.half_height).floor() + 1.0).max(0.0) as usize;
-        (begin, end.min(height))
+    pub(super) fn rows(&self) -> (isize, isize) {
+        let begin = (self.y - self.half_height).floor();
+        let end = (self.y + self.half_height).ceil();
+        (begin as isize, end as isize)
     }
 }

@@ -104,7 +104,9 @@ pub enum SurfaceError {
         volume: [usize; 3],
     },
     /// More boundary voxels than an index of 32 bits counts.
-    #[error("the surface has {0} voxels, more than can be indexed; is the threshold inside the noise?")]
+    #[error(
+        "the surface has {0} voxels, more than can be indexed; is the threshold inside the noise?"
+    )]
     TooMany(usize),
     /// No memory.
     #[error(transparent)]

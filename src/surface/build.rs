@@ -8,6 +8,9 @@ use super::normal::PackedNormal;
 use crate::space::Grid;
 use crate::volume::{Mask, Sample, Volume, VolumeError};
 
+/// The most boundary voxels of a surface: their places have 31 bits.
+const MAX_VOXELS: usize = i32::MAX as usize;
+
 /// The part of a volume that is looked at: first and last voxel of each axis. What lies outside is cut off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Region {
@@ -72,7 +75,7 @@ pub fn semi_boundary<T: Sample>(
         .map(|z| builder.plane(z, region))
         .collect();
     let total: usize = planes.iter().map(|plane| plane.voxels.len()).sum();
-    if u32::try_from(total).is_err() {
+    if total > MAX_VOXELS {
         return Err(SurfaceError::TooMany(total));
     }
     let mut voxels = Vec::new();
@@ -275,11 +278,19 @@ fn inside_word(row: &[u64], place: usize, region: Region) -> u64 {
     let begin = place * 64;
     if begin < region.first[0] {
         let below = region.first[0] - begin;
-        word = if below >= 64 { 0 } else { word & (u64::MAX << below) };
+        word = if below >= 64 {
+            0
+        } else {
+            word & (u64::MAX << below)
+        };
     }
     if begin + 63 > region.last[0] {
         let kept = (region.last[0] + 1).saturating_sub(begin);
-        word = if kept == 0 { 0 } else { word & (u64::MAX >> (64 - kept.min(64))) };
+        word = if kept == 0 {
+            0
+        } else {
+            word & (u64::MAX >> (64 - kept.min(64)))
+        };
     }
     word
 }

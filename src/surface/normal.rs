@@ -31,7 +31,10 @@ impl PackedNormal {
             (fold(on.x, on.y), fold(on.y, on.x))
         };
         // In range: both are at most 1 in size.
-        Some(Self([(u * STEPS).round() as i16, (v * STEPS).round() as i16]))
+        Some(Self([
+            (u * STEPS).round() as i16,
+            (v * STEPS).round() as i16,
+        ]))
     }
 
     /// The unit vector.
