@@ -1,5 +1,9 @@
 //! Thresholds and components on two real scans.
-#![allow(clippy::unwrap_used, reason = "a test stops where something is wrong")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test stops where something is wrong"
+)]
 
 use std::io::Write;
 use std::path::Path;

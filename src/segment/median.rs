@@ -2,7 +2,7 @@
 //!
 //! The 27 are not sorted out for every voxel. The nine of a column across x are sorted once and serve three
 //! windows; and of three sorted columns only thirteen voxels can be the median. What is compared does not
-//! depend on the voxels, about a hundred smaller-or-greater a voxel, so the compiler does many voxels at a
+//! depend on the voxels, some 110 choices of the smaller or the greater for each, so the compiler does many at a
 //! time. Samples are compared as stored and only the median is turned into Hounsfield units, which gives the
 //! same: those rise or fall with the samples, and 27 is odd.
 

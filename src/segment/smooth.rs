@@ -1,7 +1,8 @@
 //! A Gaussian of the same width in mm along each axis.
 //!
 //! Each voxel takes c + Σ wₙ (aₙ + bₙ - 2c), c itself and aₙ, bₙ the voxels n before and n after: the
-//! weighted mean, in a form that leaves what is constant as it is, bit for bit, in single precision too.
+//! weighted mean, in a form that leaves what is constant as it is, bit for bit, in single precision too. (The
+//! Gaussian of `resample/` has other taps: it lies between two grids.)
 
 use ndarray::Axis;
 use rayon::prelude::*;
