@@ -21,6 +21,7 @@ use rhinoplan::morph::warp::warp;
 use rhinoplan::phantom::Phantom;
 use rhinoplan::plan::DEFAULT_SKIN_HU;
 use rhinoplan::resample::{gaussian, half};
+use rhinoplan::segment::{Enhance, MEDIAN_SIDE, above, enhance, keep_largest, otsu};
 use rhinoplan::space::{Grid, GridPoint};
 use rhinoplan::volume::Volume;
 
@@ -167,6 +168,54 @@ fn measure_regions(bencher: Bencher<'_, '_>, size: [usize; 3]) {
     bencher
         .counter(voxels(size))
         .bench(|| region_volumes(black_box(volume), &slabs, DEFAULT_SKIN_HU));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn segment_threshold(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    bencher
+        .counter(voxels(size))
+        .bench(|| above(black_box(volume), DEFAULT_SKIN_HU));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn segment_otsu(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    bencher
+        .counter(voxels(size))
+        .bench(|| otsu(black_box(volume)));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn segment_keep_largest(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let mask = above(head(size), DEFAULT_SKIN_HU).expect("memory");
+    bencher
+        .counter(voxels(size))
+        .bench(|| keep_largest(black_box(&mask)));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn enhance_median(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let settings = Enhance {
+        median: Some(MEDIAN_SIDE),
+        smooth_mm: None,
+    };
+    let volume = head(size);
+    bencher
+        .counter(voxels(size))
+        .bench(|| enhance(black_box(volume), &settings));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn enhance_smooth(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let settings = Enhance {
+        median: None,
+        smooth_mm: Some(0.5),
+    };
+    let volume = head(size);
+    bencher
+        .counter(voxels(size))
+        .bench(|| enhance(black_box(volume), &settings));
 }
 
 #[divan::bench(args = SIZES, sample_count = 3, sample_size = 1)]

@@ -14,6 +14,7 @@ pub mod plan;
 pub mod render;
 pub mod report;
 pub mod resample;
+pub mod segment;
 pub mod space;
 pub mod surface;
 pub mod volume;

@@ -53,7 +53,7 @@ impl fmt::Display for SampleType {
 }
 
 /// A number that a voxel can be.
-pub trait Sample: Copy + Default + PartialEq + Send + Sync + fmt::Debug + 'static {
+pub trait Sample: Copy + Default + PartialOrd + Send + Sync + fmt::Debug + 'static {
     /// Which one this is.
     const TYPE: SampleType;
 
