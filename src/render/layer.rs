@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use super::compose::Object;
 use super::shade::{Paint, Shader};
-use super::splat::{Eye, FLAT, QUAD, Splat};
+use super::splat::{Clips, Eye, FLAT, QUAD, Splat};
 use crate::surface::SemiBoundary;
 
 /// Rows of a picture that are drawn at a time: small enough for a core's cache.
@@ -184,10 +184,11 @@ impl Painter<'_> {
             rows: height + 2,
             quads: self.size.div_ceil(QUAD),
         };
-        let splats = self.splats(span);
+        let mut splats = self.splats(span);
         let fronts = self.fronts(&splats, span);
         let hidden = Hidden::new(&fronts, span);
-        let sums = self.sums(&splats, &fronts, &hidden, span);
+        splats.retain(|splat| !hidden.hides(splat, span, self.blend_mm));
+        let sums = self.sums(&splats, &fronts, span);
         let edges = self.edges(&fronts, span);
         let samples = self.samples(&splats, &edges, span);
         for pixel in 0..band.depth.len() {
@@ -226,7 +227,7 @@ impl Painter<'_> {
         let mut fronts = vec![nothing; span.len()];
         for splat in splats {
             for row in span.rows_of(splat) {
-                let line = Line::new(splat, span.first + row as isize, [0.0; 2]);
+                let line = Line::new(splat, span.first + row as isize);
                 let (range, from) = span.quads_of(&line, row);
                 let Some(fronts) = fronts.get_mut(range) else {
                     continue;
@@ -251,16 +252,13 @@ impl Painter<'_> {
     }
 
     /// The weighted sums over the discs at the depth of the foremost.
-    fn sums(&self, splats: &[Splat], fronts: &[Front], hidden: &Hidden, span: Span) -> Vec<Sums> {
+    fn sums(&self, splats: &[Splat], fronts: &[Front], span: Span) -> Vec<Sums> {
         let mut all = vec![Sums::default(); span.len()];
         for splat in splats {
-            if hidden.hides(splat, span, self.blend_mm) {
-                continue;
-            }
             let [nx, ny, nz] = splat.normal.to_array().map(Vec4::splat);
             let value = Vec4::splat(self.scalar(splat.place));
             for row in span.rows_of(splat) {
-                let line = Line::new(splat, span.first + row as isize, [0.0; 2]);
+                let line = Line::new(splat, span.first + row as isize);
                 let (range, from) = span.quads_of(&line, row);
                 let (Some(fronts), Some(sums)) = (fronts.get(range.clone()), all.get_mut(range))
                 else {
@@ -338,13 +336,16 @@ impl Painter<'_> {
         }
         for splat in splats {
             for row in span.rows_of(splat) {
-                let line = Line::new(splat, span.first + row as isize, [0.0; 2]);
                 // A sample may be hit where no middle of a pixel is.
-                let begin = (splat.x - splat.half_width - 0.5).max(0.0) as usize / QUAD;
-                let end = (splat.x + splat.half_width + 0.5).max(0.0) as usize / QUAD + 1;
+                let begin = (splat.x - splat.half_width - 0.5) as u32 as usize / QUAD;
+                let end = (splat.x + splat.half_width + 0.5) as u32 as usize / QUAD + 1;
                 let base = row * span.quads;
                 let range = base + begin.min(span.quads)..base + end.min(span.quads);
                 let numbers = edges.of_quad.get(range).unwrap_or_default();
+                if numbers.iter().all(|&number| number == NOTHING) {
+                    continue;
+                }
+                let line = Line::new(splat, span.first + row as isize);
                 for (quad, &number) in numbers.iter().enumerate() {
                     let Some(depths) = all.get_mut(number as usize) else {
                         continue;
@@ -458,20 +459,19 @@ struct Line {
     c: Vec4,
     z: Vec4,
     zx: Vec4,
-    clips: Option<[[f32; 3]; 2]>,
+    clips: Option<Clips>,
     /// From the disc's middle to the row's.
     dy: f32,
-    /// First pixel, and one after the last, whose middle the disc covers; may be beyond the picture.
+    /// From where to where the disc reaches, pixels; may be beyond the picture.
     reach: (f32, f32),
 }
 
 impl Line {
-    /// The row, moved by a part of a pixel to the right and down.
     #[inline]
-    fn new(splat: &Splat, row: isize, [right, down]: [f32; 2]) -> Self {
-        let dy = row as f32 + 0.5 + down - splat.y;
+    fn new(splat: &Splat, row: isize) -> Self {
+        let dy = row as f32 + 0.5 - splat.y;
         Self {
-            x: MIDDLES - Vec4::splat(splat.x - right),
+            x: MIDDLES - Vec4::splat(splat.x),
             a: Vec4::splat(splat.a),
             b: Vec4::splat(2.0 * splat.b * dy),
             c: Vec4::splat(splat.c * dy * dy),
@@ -483,7 +483,7 @@ impl Line {
         }
     }
 
-    /// The same, moved.
+    /// The same, moved by a part of a pixel to the right and down.
     #[inline]
     fn moved(&self, splat: &Splat, [right, down]: [f32; 2]) -> Self {
         let dy = self.dy + down;
@@ -501,9 +501,13 @@ impl Line {
     #[inline]
     fn quads(&self) -> (usize, usize) {
         // Float to integer conversion clamps: what is left of the picture is pixel 0, NaN as well.
-        let begin = self.reach.0.max(0.0) as usize;
-        let end = self.reach.1.max(0.0) as usize;
-        (begin / QUAD, end.div_ceil(QUAD))
+        let begin = self.reach.0 as u32 as usize;
+        let end = self.reach.1 as u32 as usize;
+        if self.reach.1 > self.reach.0 {
+            (begin / QUAD, end / QUAD + 1)
+        } else {
+            (0, 0)
+        }
     }
 
     /// From the disc's middle to the pixels of a quad.

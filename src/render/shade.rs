@@ -144,7 +144,7 @@ impl Encoder {
 
     #[inline]
     pub(super) fn encode(&self, value: f32) -> u8 {
-        let step = (value.clamp(0.0, 1.0) * (STEPS - 1) as f32).round() as usize;
+        let step = (value.clamp(0.0, 1.0) * (STEPS - 1) as f32 + 0.5) as usize;
         self.0.get(step).copied().unwrap_or(u8::MAX)
     }
 }

@@ -16,9 +16,8 @@ const RADIUS: f32 = 1.2;
 /// The same for voxels of a flat end, which form a square lattice (0.71 voxels suffice) and shall not
 /// overhang it.
 const FLAT_RADIUS: f32 = 0.8;
-/// A voxel whose exposed faces all look away more than this cannot be seen. Less is not enough: a surface
-/// is at up to 55° to the faces that it is made of.
-const AWAY: f64 = -0.82;
+/// Radius of the disc in the middle of a voxel of something thin: that of the ball around a voxel.
+const CORE_RADIUS: f32 = 0.87;
 /// Added to the size of a disc, pixels squared, so that one that is smaller than a pixel, or seen edge on,
 /// still covers the pixel that it is in.
 const LOW_PASS: f32 = 0.55;
@@ -67,6 +66,12 @@ struct Metric {
     dt: f32,
 }
 
+/// Half-planes of the picture, as (k, kx, ky): what is kept has k + kx dx + ky dy at least 0 in each.
+pub(super) type Clips = [[f32; 3]; 3];
+
+/// A half-plane that clips nothing.
+const ALL: [f32; 3] = [f32::INFINITY, 0.0, 0.0];
+
 /// An ellipse of a plane on the picture.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Splat {
@@ -89,8 +94,8 @@ pub(super) struct Splat {
     pub place: u32,
     /// Unit normal: right, up, towards the viewer.
     pub normal: Vec3,
-    /// Where the disc is cut off: what is kept has k + kx dx + ky dy at least 0 for each.
-    pub clips: Option<[[f32; 3]; 2]>,
+    /// Where the disc is cut off.
+    pub clips: Option<Clips>,
 }
 
 impl Eye {
@@ -125,8 +130,8 @@ impl Eye {
                 rt: r.dot(t) as f32,
                 dt: d.dot(t) as f32,
             },
-            not_away: NeighbourCode::looking(camera.toward, AWAY),
-            looking: NeighbourCode::looking(camera.toward, 0.0),
+            not_away: NeighbourCode::of_surfaces_looking(camera.toward, spacing),
+            looking: NeighbourCode::looking(camera.toward),
             ends: Ends {
                 first: surface.region().first,
                 last: surface.region().last,
@@ -179,22 +184,38 @@ impl Eye {
         if voxel.code().is_cut() {
             return;
         }
-        let mut seen = self.seen(normal);
-        let mut offset = voxel.offset_steps() * self.offset_step;
-        if seen.z < 0.0 {
-            // Its surface looks away. But a voxel of something thin has two surfaces, of which one normal
-            // tells one: where a visible face looks against the normal, the other is seen.
-            if !against(faces & self.looking, normal) {
-                return;
+        let seen = self.seen(normal);
+        let offset = voxel.offset_steps() * self.offset_step;
+        if voxel.code().is_thin() {
+            let mut core = self.core(normal, seen, offset, at, place);
+            if near_end && let Some(clips) = &mut core.clips {
+                let [first, second, _] = self.clips(index, Vec3::ZERO, 0.0, 0.0);
+                (clips[0], clips[1]) = (first, second);
             }
-            seen = -seen;
-            offset = 0.0;
+            to.push(core);
+        }
+        if seen.z < 0.0 {
+            return;
         }
         let mut splat = self.disc(seen, offset, RADIUS, at, place);
         if near_end {
             splat.clips = Some(self.clips(index, normal * offset, splat.zx, splat.zy));
         }
         to.push(splat);
+    }
+
+    /// Something a voxel thick has two surfaces, of which one normal tells one, or turns within a voxel by
+    /// more than discs bridge. So its middle is drawn as well: a disc that faces the viewer, up to where the
+    /// surface is known to be.
+    fn core(&self, normal: Vec3, seen: Vec3, offset: f32, at: Vec3, place: u32) -> Splat {
+        let mut splat = self.disc(Vec3::Z, 0.0, CORE_RADIUS, at, place);
+        splat.normal = if seen.z < 0.0 { -seen } else { seen };
+        let right = -self.mm_per_pixel * self.right.dot(normal);
+        let down = self.mm_per_pixel * self.up.dot(normal);
+        // Where nothing is known of the surface, half a voxel or so.
+        let room = offset.max(0.4 * self.ends.spacing.min_element());
+        splat.clips = Some([ALL, ALL, [room, right, down]]);
+        splat
     }
 
     /// A vector of the grid, as the viewer sees it: right, up, towards the viewer.
@@ -277,8 +298,7 @@ impl Eye {
                 let right = self.right * self.mm_per_pixel + self.toward * splat.zx;
                 let down = -self.up * self.mm_per_pixel + self.toward * splat.zy;
                 let room = surface - (outward * offset).dot(normal);
-                let unused = [f32::INFINITY, 0.0, 0.0];
-                splat.clips = Some([[room, along(right), along(down)], unused]);
+                splat.clips = Some([ALL, ALL, [room, along(right), along(down)]]);
             }
             to.push(splat);
         }
@@ -287,10 +307,10 @@ impl Eye {
     /// Where the disc of a voxel near the end of what is drawn reaches beyond it. `from_centre` is the way
     /// from the voxel's centre to the disc's.
     #[inline]
-    fn clips(&self, index: [usize; 3], from_centre: Vec3, zx: f32, zy: f32) -> [[f32; 3]; 2] {
+    fn clips(&self, index: [usize; 3], from_centre: Vec3, zx: f32, zy: f32) -> Clips {
         let Ends { first, last, .. } = self.ends;
-        let mut clips = [[f32::INFINITY, 0.0, 0.0]; 2];
-        let mut used = clips.iter_mut();
+        let mut clips = [ALL; 3];
+        let mut used = clips.iter_mut().take(2);
         for axis in 0..3 {
             let spacing = self.ends.spacing[axis];
             let along_x = self.right[axis] * self.mm_per_pixel + zx * self.toward[axis];
@@ -323,22 +343,9 @@ impl Ends {
     }
 }
 
-/// Whether any of the faces looks against a normal.
-fn against(faces: u8, normal: Vec3) -> bool {
-    // In the order of the bits: -x, +x, -y, +y, -z, +z. A little slack: a face square to the normal is
-    // not its other side.
-    let n = normal.to_array();
-    let signs: u8 = (0..3).fold(0, |bits, axis| {
-        let low = u8::from(n[axis] > 0.3) << (2 * axis);
-        let high = u8::from(n[axis] < -0.3) << (2 * axis + 1);
-        bits | low | high
-    });
-    faces & signs != 0
-}
-
 impl Splat {
-    /// First pixel, and one after the last, whose middle the ellipse covers `dy` below its own; an empty
-    /// range where it covers none.
+    /// From where to where, in pixels, the ellipse reaches `dy` below its middle; an empty range where it
+    /// does not reach so far.
     #[inline]
     pub(super) fn reach(&self, dy: f32) -> (f32, f32) {
         let middle = -self.b * dy / self.a;
@@ -347,15 +354,23 @@ impl Splat {
             return (0.0, 0.0);
         }
         let half = square.sqrt();
-        let centre = self.x + middle - 0.5;
-        ((centre - half).ceil(), (centre + half).floor() + 1.0)
+        let centre = self.x + middle;
+        (centre - half, centre + half)
     }
 
     /// First row, and one after the last, that the ellipse reaches into.
     #[inline]
     pub(super) fn rows(&self) -> (isize, isize) {
-        let begin = (self.y - self.half_height).floor();
-        let end = (self.y + self.half_height).ceil();
-        (begin as isize, end as isize)
+        let begin = below(self.y - self.half_height);
+        let end = below(self.y + self.half_height) + 1;
+        (begin, end)
     }
+}
+
+/// The next whole number below, for what is more than -2¹⁶: without the call that `floor` is on a
+/// processor that nothing more is known of.
+#[inline]
+fn below(value: f32) -> isize {
+    const LIFT: i32 = 1 << 16;
+    ((value + LIFT as f32) as i32 - LIFT) as isize
 }

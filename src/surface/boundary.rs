@@ -44,12 +44,33 @@ impl NeighbourCode {
         self.0 & Self::CUT != 0
     }
 
-    /// The faces whose outward direction has a cosine above `least` with a direction, as bits.
-    pub fn looking(toward: DVec3, least: f64) -> u8 {
+    /// Whether two opposite faces are exposed: the object is a voxel thick there.
+    #[inline]
+    pub fn is_thin(self) -> bool {
+        self.0 & self.0 >> 1 & 0b01_0101 != 0
+    }
+
+    /// The faces that look at a viewer in the direction `toward`, as bits.
+    pub fn looking(toward: DVec3) -> u8 {
+        Self::bits(|_, cosine| cosine > 0.0, toward)
+    }
+
+    /// The faces that a surface which looks at the viewer can expose, as bits. A surface need not be square
+    /// to the faces of the voxels that it passes through: in voxels, one of them it meets at 55° or less.
+    pub fn of_surfaces_looking(toward: DVec3, spacing: DVec3) -> u8 {
+        let possible = |axis: usize, cosine: f64| {
+            let ratios = DVec3::splat(spacing[axis]) / spacing;
+            let least = 1.0 / ratios.length_squared();
+            cosine > -(1.0 - least).max(0.0).sqrt()
+        };
+        Self::bits(possible, toward)
+    }
+
+    fn bits(holds: impl Fn(usize, f64) -> bool, toward: DVec3) -> u8 {
         let faces = Self::FACES.iter().enumerate();
         faces.fold(0, |bits, (place, face)| {
-            let seen = DVec3::from_array(face.map(f64::from)).dot(toward) > least;
-            bits | u8::from(seen) << place
+            let cosine = DVec3::from_array(face.map(f64::from)).dot(toward);
+            bits | u8::from(holds(place / 2, cosine)) << place
         })
     }
 }

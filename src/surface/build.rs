@@ -8,6 +8,10 @@ use super::normal::PackedNormal;
 use crate::space::Grid;
 use crate::volume::{Mask, Sample, Volume, VolumeError};
 
+/// A surface through a voxel meets one of its exposed faces at a cosine of at least 1/√3 (in voxels); what
+/// is less than this is not its normal.
+const LEAST_SQUARE: f64 = 0.5;
+
 /// The most boundary voxels of a surface: their places have 31 bits.
 const MAX_VOXELS: usize = i32::MAX as usize;
 
@@ -200,26 +204,36 @@ impl<T: Sample> Builder<'_, T> {
             at[axis] == at_end
         };
         let cut = (0..6).all(|face| !exposed(face) || ends(face));
-        let flat = (0..6)
-            .filter(|&face| exposed(face))
-            .fold(DVec3::ZERO, |sum, face| {
-                sum + DVec3::from_array(NeighbourCode::FACES[face].map(f64::from))
-            });
-        let gradient = if cut {
-            None
-        } else {
-            // HU fall outwards.
-            let outward = -self.samples.gradient(at, self.spacing);
-            outward.is_finite().then_some(outward)
+        let outward = |face: usize| DVec3::from_array(NeighbourCode::FACES[face].map(f64::from));
+        let exposed_faces = || (0..6).filter(|&face| exposed(face));
+        let flat = exposed_faces().fold(DVec3::ZERO, |sum, face| sum + outward(face));
+        // HU fall outwards. Where the gradient looks along every exposed face, the voxel is of something
+        // so thin that its two sides cancel, and the gradient is noise.
+        let gradient = || {
+            let outwards = -self.samples.gradient(at, self.spacing);
+            // Between voxels, not mm: it is voxels that have faces.
+            let per_voxel = outwards * self.spacing;
+            let facing = exposed_faces()
+                .map(|face| per_voxel.dot(outward(face)))
+                .fold(f64::NEG_INFINITY, f64::max);
+            let square = facing >= LEAST_SQUARE * per_voxel.length();
+            (square && outwards.is_finite()).then_some(outwards)
         };
-        let normal = gradient
-            .and_then(PackedNormal::new)
+        let found = if cut { None } else { gradient() }.and_then(PackedNormal::new);
+        let normal = found
             .or_else(|| PackedNormal::new(flat))
+            .or_else(|| {
+                exposed_faces()
+                    .next()
+                    .and_then(|face| PackedNormal::new(outward(face)))
+            })
             .unwrap_or(PackedNormal::ANTERIOR);
         let direction = normal.unpack().as_dvec3();
         let offset = if cut {
             // The flat end is half a voxel away.
             (direction.abs() * self.spacing).max_element() / 2.0
+        } else if flat == DVec3::ZERO && found.is_none() {
+            0.0
         } else {
             self.crossing(at, faces, direction, ends)
         };

@@ -12,3 +12,6 @@ pub use boundary::{BoundaryVoxel, NeighbourCode, SemiBoundary, SurfaceError};
 pub use build::{Region, semi_boundary};
 pub use distance::{SurfaceDistance, signed_distances};
 pub use normal::PackedNormal;
+
+#[cfg(test)]
+mod tests;
