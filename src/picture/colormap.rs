@@ -135,15 +135,21 @@ impl DivergingLegend {
     }
 
     /// Draws the colours from `min_mm` to `max_mm` as a bar whose upper left corner, text included, is at
-    /// `corner`.
-    pub(super) fn draw(&self, svg: &mut Svg, [left, top]: [f64; 2], width: f64, ink: Colour) {
+    /// `corner`; in an ink that the ground rims.
+    pub(super) fn draw(
+        &self,
+        svg: &mut Svg,
+        [left, top]: [f64; 2],
+        width: f64,
+        [ink, ground]: [Colour; 2],
+    ) {
         let limit = self.limit_mm();
         let (low, high) = (self.min_mm.min(0.0), self.max_mm.max(0.0));
         let style = TextStyle {
             size: 11.0,
             colour: ink,
             anchor: Anchor::Start,
-            halo: None,
+            halo: Some(ground),
         };
         let end = TextStyle {
             anchor: Anchor::End,
@@ -157,6 +163,8 @@ impl DivergingLegend {
         svg.text([left, top + 11.0], "inward", style);
         svg.text([left + width, top + 11.0], "outward, mm", end);
         let bar = top + 17.0;
+        let rim = [width + 2.0, BAR_HEIGHT + 2.0];
+        svg.rect([left - 1.0, bar - 1.0], rim, ground);
         let columns = width.round().max(1.0) as usize;
         let column = width / columns as f64;
         for n in 0..columns {

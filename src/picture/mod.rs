@@ -5,18 +5,26 @@
 //! everywhere. For the same reason ticks and layout are computed here, with `libm`.
 
 mod canvas;
+mod chart;
 mod colormap;
 mod error;
 mod overlay;
 mod pair;
+mod palette;
+mod plot;
 mod png;
+mod profile;
+mod slice;
 mod svg;
 mod text;
 mod ticks;
 
 pub use canvas::{overlay, rasterize};
+pub use chart::{Series, VolumeChart};
 pub use colormap::{DivergingLegend, diverging};
 pub use error::PictureError;
 pub use overlay::{SideLetters, ViewOverlay};
 pub use pair::side_by_side;
 pub use png::encode_png;
+pub use profile::{ProfilePlot, ProfileStage};
+pub use slice::{Plane, SliceSettings, SliceView, slice};

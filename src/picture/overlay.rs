@@ -96,7 +96,7 @@ impl ViewOverlay<'_> {
                 width - MARGIN - 8.0 - bar,
                 height - MARGIN - LEGEND_HEIGHT + 4.0,
             ];
-            legend.draw(&mut svg, corner, bar, INK);
+            legend.draw(&mut svg, corner, bar, [INK, GROUND]);
         }
         svg.finish()
     }

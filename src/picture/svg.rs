@@ -62,9 +62,33 @@ impl Svg {
         }
     }
 
+    /// Puts in an SVG element whose units are `per_pixel` to one of ours.
+    pub fn embed(&mut self, element: &str, per_pixel: u32) {
+        let scale = 1.0 / f64::from(per_pixel);
+        let _ = writeln!(
+            self.content,
+            "<g transform=\"scale({scale})\">\n{element}</g>"
+        );
+    }
+
     pub fn finish(mut self) -> String {
         self.content.push_str("</svg>\n");
         self.content
+    }
+
+    /// What `body` draws, cut off at a rectangle: a nested viewport.
+    pub fn clipped(
+        &mut self,
+        [x, y]: [f64; 2],
+        [width, height]: [f64; 2],
+        body: impl FnOnce(&mut Self),
+    ) {
+        let _ = writeln!(
+            self.content,
+            r#"<svg x="{x:.2}" y="{y:.2}" width="{width:.2}" height="{height:.2}" viewBox="{x:.2} {y:.2} {width:.2} {height:.2}" overflow="hidden">"#
+        );
+        body(self);
+        self.content.push_str("</svg>\n");
     }
 
     pub fn rect(&mut self, [x, y]: [f64; 2], [width, height]: [f64; 2], fill: Colour) {
@@ -81,6 +105,24 @@ impl Svg {
         let _ = writeln!(
             self.content,
             r#"<rect x="{x:.2}" y="{y:.2}" width="{width:.2}" height="{height:.2}" fill="none" {stroke}/>"#
+        );
+    }
+
+    /// A line through several points.
+    pub fn path(&mut self, points: &[[f64; 2]], stroke: Stroke) {
+        let stroke = attributes(stroke);
+        let _ = write!(self.content, r#"<polyline fill="none" {stroke} points=""#);
+        for [x, y] in points {
+            let _ = write!(self.content, "{x:.2},{y:.2} ");
+        }
+        let _ = writeln!(self.content, "\"/>");
+    }
+
+    pub fn circle(&mut self, [x, y]: [f64; 2], radius: f64, fill: Colour, rim: Stroke) {
+        let (fill, rim) = (hex(fill), attributes(rim));
+        let _ = writeln!(
+            self.content,
+            r#"<circle cx="{x:.2}" cy="{y:.2}" r="{radius:.2}" fill="{fill}" {rim}/>"#
         );
     }
 
