@@ -12,13 +12,13 @@ pub(super) const NUMBERS_LEFT: f64 = 52.0;
 pub(super) const NUMBERS_BELOW: f64 = 24.0;
 pub(super) const TABLE_ROW: f64 = 24.0;
 
-/// Pixels between tip and base plane from which the numbers of gamma and h have room beside each other.
-pub(super) const ROOM_FOR_BOTH: f64 = 260.0;
+/// Pixels behind the base plane that h's number needs.
+const BEHIND: f64 = 100.0;
 
 const TOP: f64 = 92.0;
-const BELOW: f64 = 88.0;
+const BELOW: f64 = 104.0;
 const LEFT: f64 = 76.0;
-const TABLE_WIDTH: f64 = 396.0;
+const TABLE_WIDTH: f64 = 476.0;
 const TABLE_GAP: f64 = 36.0;
 const RIGHT: f64 = 24.0;
 /// The most that the plot takes, pixels across and up, and the least.
@@ -50,10 +50,7 @@ impl Frame {
         let points = points
             .into_iter()
             .chain(shown.iter().map(|stage| stage.nose.tip));
-        let all = points
-            .clone()
-            .chain(plot.stages.last().map(|stage| stage.nose.tip));
-        let values = all.flat_map(GridPoint::to_array);
+        let values = points.clone().flat_map(GridPoint::to_array);
         for value in values.chain([plot.base_y, plot.plane_x]) {
             if !near(value) {
                 return Err(PictureError::Value {
@@ -73,8 +70,7 @@ impl Frame {
         };
         let skin = shown.iter().flat_map(|stage| stage.skin.iter().copied());
         let skin = skin.filter(|point| near(point.0.y) && near(point.0.z));
-        let last = plot.stages.last().map(|stage| stage.nose.tip);
-        for point in points.chain(last).chain(skin) {
+        for point in points.chain(skin) {
             let (x, y) = frame.place(point);
             frame.across = [frame.across[0].min(x), frame.across[1].max(x)];
             frame.up = [frame.up[0].min(y), frame.up[1].max(y)];
@@ -83,6 +79,7 @@ impl Frame {
         (frame.across, frame.up) = (around(frame.across), around(frame.up));
         let lengths = [frame.across, frame.up].map(|[low, high]| high - low);
         frame.scale = (MOST[0] / lengths[0]).min(MOST[1] / lengths[1]);
+        frame.across[1] = frame.across[1].max(BEHIND / frame.scale);
         // Whole pixels, and never a sliver: the axes are lengthened, so that the scale stays that of both.
         let fill = |ends: [f64; 2]| {
             let pixels = ((ends[1] - ends[0]) * frame.scale).ceil().max(LEAST);

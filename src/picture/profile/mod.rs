@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use super::PictureError;
 use super::palette;
 use super::plot::{self, Axis, FAINT, FINE, GRID, INK, PAPER, failed, pixels, stroke, text, units};
-use super::svg::{Anchor, Colour, Stroke, Svg, TextStyle as Text};
+use super::svg::{Anchor, Stroke, Svg, TextStyle as Text};
 use super::text::elide;
 use super::ticks::{label, ticks};
 use crate::measure::NoseGeometry;
@@ -45,7 +45,7 @@ pub struct ProfilePlot<'a> {
 
 /// A tip this far off the plane is drawn hollow: the skin in the plane does not pass through it, mm.
 const OFF_PLANE_MM: f64 = 0.5;
-/// Stages in the table, and stages that are drawn.
+/// Stages that are drawn and in the table; the last is always among them.
 const MOST_STAGES: usize = 24;
 /// A step of the skin across this many of its heights is a gap, not a line.
 const GAP_STEPS: f64 = 2.5;
@@ -68,21 +68,24 @@ impl ProfilePlot<'_> {
                 what: "a profile needs one stage at least",
             });
         };
-        let shown = &self.stages[..self.stages.len().min(MOST_STAGES)];
-        let frame = Frame::new(self, shown)?;
+        let earlier = self.stages.len().min(MOST_STAGES) - 1;
+        let shown: Vec<ProfileStage<'_>> = self.stages.iter().take(earlier).copied().collect();
+        let shown = [shown, vec![*last]].concat();
+        let frame = Frame::new(self, &shown)?;
         let size = frame.picture();
         let mut svg = Svg::new(size.0, size.1);
         let whole = [f64::from(size.0), f64::from(size.1)];
         svg.rect([0.0, 0.0], whole, PAPER);
-        let (element, marks) = plot::draw(size, |area| self.plot(area, &frame, shown, last))?;
+        let (element, marks) = plot::draw(size, |area| self.plot(area, &frame, &shown, last))?;
         svg.embed(&element, FINE);
-        self.annotate(&mut svg, &marks, last);
+        self.skins(&mut svg, &marks);
+        self.annotate(&mut svg, &marks, &shown, last);
         self.captions(&mut svg, &frame);
-        self.table(&mut svg, &frame, shown);
+        self.table(&mut svg, &frame, &shown);
         Ok(svg.finish())
     }
 
-    /// Axes and lines, and where the points of interest have come to lie.
+    /// The axes, and where the points of interest have come to lie.
     fn plot(
         &self,
         area: &plot::Area<'_>,
@@ -127,21 +130,19 @@ impl ProfilePlot<'_> {
             .draw()
             .map_err(failed)?;
 
-        for (place, stage) in shown.iter().enumerate() {
-            let (colour, round) = palette::colour(place);
-            let width = if place + 1 == shown.len() { 2.6 } else { 1.8 };
-            for run in frame.runs(stage.skin) {
-                let line = PathElement::new(run, stroke(colour, width));
-                chart.draw_series([line]).map_err(failed)?;
-            }
-            debug_assert!(round <= MOST_STAGES / 8);
-        }
         let at = |place: Place| pixels(chart.backend_coord(&place));
         let [p1, p2] = [self.nasal_bones, self.lip].map(|point| frame.place(point));
         let tip = frame.place(last.nose.tip);
         Ok(Marks {
             p1: at(p1),
             p2: at(p2),
+            skins: shown
+                .iter()
+                .map(|stage| {
+                    let runs = frame.runs(stage.skin).into_iter();
+                    runs.map(|run| run.into_iter().map(at).collect()).collect()
+                })
+                .collect(),
             tips: shown
                 .iter()
                 .map(|stage| at(frame.place(stage.nose.tip)))
@@ -153,8 +154,27 @@ impl ProfilePlot<'_> {
         })
     }
 
+    fn skins(&self, svg: &mut Svg, marks: &Marks) {
+        for (place, runs) in marks.skins.iter().enumerate() {
+            let width = if place + 1 == marks.skins.len() {
+                2.4
+            } else {
+                1.7
+            };
+            for run in runs {
+                svg.path(run, look(place, width));
+            }
+        }
+    }
+
     /// The base plane, h, gamma and the points.
-    fn annotate(&self, svg: &mut Svg, marks: &Marks, last: &ProfileStage<'_>) {
+    fn annotate(
+        &self,
+        svg: &mut Svg,
+        marks: &Marks,
+        shown: &[ProfileStage<'_>],
+        last: &ProfileStage<'_>,
+    ) {
         let style = |size, colour, anchor| Text {
             size,
             colour,
@@ -174,14 +194,12 @@ impl ProfilePlot<'_> {
         let [x, y] = marks.foot;
         svg.line([x, y - 5.0], [x, y + 5.0], thin);
 
-        // At the foot of h, above its line; below where gamma's number needs the room, above the line as well.
+        // Beyond the foot of h, where neither skin nor gamma is.
         let h = format!("h {} mm", fixed(last.nose.height_mm, 2));
-        let long = (marks.tip[0] - x).abs() > layout::ROOM_FOR_BOTH;
-        let beside = if long { y - 7.0 } else { y + 16.0 };
         let (at, anchor) = if marks.tip[0] <= x {
-            ([x - 6.0, beside], Anchor::End)
+            ([x + 8.0, y + 4.5], Anchor::Start)
         } else {
-            ([x + 6.0, beside], Anchor::Start)
+            ([x - 8.0, y + 4.5], Anchor::End)
         };
         svg.text(at, &h, style(13.0, INK, anchor));
         let gamma = format!("γ {}°", fixed(last.nose.gamma_deg, 2));
@@ -199,9 +217,9 @@ impl ProfilePlot<'_> {
         }
         // The later lie over the earlier. Names stand left of them all, in the air: a name beside its own tip
         // would lie on the tips in front of it.
-        let tips = marks.tips.iter().zip(self.stages).enumerate();
+        let tips = marks.tips.iter().zip(shown).enumerate();
         for (place, (&at, stage)) in tips {
-            let colour = look(place);
+            let (colour, _) = palette::colour(place);
             let hollow = (stage.nose.tip.0.x - self.plane_x).abs() > OFF_PLANE_MM;
             let ground = if hollow { PAPER } else { colour };
             svg.circle(at, 4.5, ground, rim(colour));
@@ -241,13 +259,19 @@ impl ProfilePlot<'_> {
         let text = "mm in front of the base plane (anterior is left)";
         let middle = left + plot_wide / 2.0;
         svg.text([middle, below], text, style(13.0, INK, Anchor::Middle));
-        let note = "γ and h are measured in space; what is drawn is their projection on this plane. A hollow P5 is off the plane.";
-        let note = elide(note, 12.0, room);
-        svg.text(
-            [24.0, high - 16.0],
-            &note,
-            style(12.0, FAINT, Anchor::Start),
-        );
+        for (up, note) in [
+            (
+                32.0,
+                "γ and h are measured in space; what is drawn is their projection on this plane.",
+            ),
+            (
+                14.0,
+                "A hollow P5 is off the plane: + to the patient's left, − to the right.",
+            ),
+        ] {
+            let note = elide(note, 12.0, room);
+            svg.text([24.0, high - up], &note, style(12.0, FAINT, Anchor::Start));
+        }
     }
 
     fn table(&self, svg: &mut Svg, frame: &Frame, shown: &[ProfileStage<'_>]) {
@@ -258,10 +282,13 @@ impl ProfilePlot<'_> {
             halo: None,
         };
         let [left, top] = frame.table();
-        let columns = [left + 236.0, left + 306.0, left + 396.0];
+        let columns = [left + 272.0, left + 342.0, left + 476.0];
         let mut y = top + 12.0;
         svg.text([left, y], "stage", style(FAINT, Anchor::Start));
-        for (x, name) in columns.into_iter().zip(["γ, °", "h, mm", "P5 off, mm"]) {
+        for (x, name) in columns
+            .into_iter()
+            .zip(["γ, °", "h, mm", "P5 off plane, mm"])
+        {
             svg.text([x, y], name, style(FAINT, Anchor::End));
         }
         svg.line(
@@ -271,9 +298,8 @@ impl ProfilePlot<'_> {
         );
         for (place, stage) in shown.iter().enumerate() {
             y += layout::TABLE_ROW;
-            let sample = Stroke::solid(3.0, look(place));
-            svg.line([left, y - 4.0], [left + 20.0, y - 4.0], sample);
-            let name = elide(stage.name, 13.0, 140.0);
+            svg.line([left, y - 4.0], [left + 21.0, y - 4.0], look(place, 2.4));
+            let name = elide(stage.name, 13.0, 180.0);
             svg.text([left + 28.0, y], &name, style(INK, Anchor::Start));
             let values = [
                 fixed(stage.nose.gamma_deg, 2),
@@ -297,6 +323,8 @@ impl ProfilePlot<'_> {
 struct Marks {
     p1: [f64; 2],
     p2: [f64; 2],
+    /// The skin of each stage, in unbroken lines.
+    skins: Vec<Vec<Vec<[f64; 2]>>>,
     tips: Vec<[f64; 2]>,
     base: [[f64; 2]; 2],
     foot: [f64; 2],
@@ -304,8 +332,16 @@ struct Marks {
     arc: Vec<[f64; 2]>,
 }
 
-fn look(place: usize) -> Colour {
-    palette::colour(place).0
+/// The line of a stage. Where the colours are used again it is dashed, then dotted.
+fn look(place: usize, width: f64) -> Stroke {
+    let (colour, round) = palette::colour(place);
+    Stroke {
+        dash: [None, Some((8.0, 4.0)), Some((2.0, 3.0))]
+            .get(round)
+            .copied()
+            .flatten(),
+        ..Stroke::solid(width, colour)
+    }
 }
 
 /// A number with so many decimals, or a dash where it is none.

@@ -91,12 +91,12 @@ fn the_axes_numbers_stand_where_they_say() {
     let lines: Vec<&str> = svg.lines().collect();
     // Numbers are text with the library's marks, each followed by its content.
     let number = |wanted: &str, axis: &str| {
-        let place = lines
+        let mut place = lines
             .windows(2)
             .filter(|pair| pair[0].starts_with("<text") && pair[1] == wanted)
             .filter(|pair| pair[0].contains(if axis == "x" { "middle" } else { "\"end\"" }))
             .map(|pair| attributes(pair[0], "<text", [axis])[0][0] / f64::from(FINE));
-        place.last().unwrap()
+        place.next_back().unwrap()
     };
     let circles = attributes(&svg, "<circle", ["cx", "cy"]);
     let [p1, p2, p5] = [circles[0], circles[1], circles[2]];
