@@ -10,6 +10,7 @@ pub mod io;
 pub mod measure;
 pub mod morph;
 pub mod phantom;
+pub mod picture;
 pub mod plan;
 pub mod render;
 pub mod report;

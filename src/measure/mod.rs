@@ -7,6 +7,7 @@ mod geometry;
 mod profile;
 mod regions;
 mod sheet;
+mod skin_profile;
 
 #[cfg(test)]
 mod tests;
@@ -14,3 +15,4 @@ mod tests;
 pub use error::MeasureError;
 pub use geometry::NoseGeometry;
 pub use regions::{REGION_NAMES, REGIONS, RegionVolumes, Slabs, region_volumes};
+pub use skin_profile::skin_profile;
