@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use rhinoplan::plan::{Code, Diagnostics, MAX_PLAN_BYTES, PlanFile, PlanReadError};
 use rhinoplan::space::Grid;
 
-const RIGHT: &str = include_str!("plans/example.toml");
+const RIGHT: &str = include_str!("../plans/example.toml");
 
 /// The grid of the paper's CT.
 fn grid() -> Grid {
@@ -706,7 +706,7 @@ fn edits_that_leave_no_nose() {
 /// One plan with faults of every kind: all are reported, in the order of the file.
 #[test]
 fn kitchen_sink() {
-    let text = include_str!("plans/kitchen-sink.toml");
+    let text = include_str!("../plans/kitchen-sink.toml");
     let faults = faults_of(text);
     check(
         "kitchen_sink",
