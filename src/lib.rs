@@ -13,5 +13,6 @@ pub mod phantom;
 pub mod plan;
 pub mod report;
 pub mod resample;
+pub mod segment;
 pub mod space;
 pub mod volume;

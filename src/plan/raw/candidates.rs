@@ -105,7 +105,7 @@ fn stages(candidate: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawStage> {
 }
 
 /// The tables of an array of tables, at most `most`.
-fn tables<'a, 'i>(
+pub(super) fn tables<'a, 'i>(
     value: &'a Value<'i>,
     header: &str,
     most: usize,
@@ -144,7 +144,7 @@ fn at_most<'a, 'i>(
 }
 
 /// A name that none of its siblings has.
-fn unique(
+pub(super) fn unique(
     name: Option<Located<String>>,
     what: &str,
     names: &mut HashSet<String>,

@@ -5,6 +5,7 @@
 
 mod candidates;
 mod settings;
+mod views;
 
 use std::path::PathBuf;
 
@@ -12,7 +13,7 @@ use toml::de::DeTable;
 
 use super::decode::{Faults, Table, Value, describe, quote, small_integer};
 use super::diagnostic::{Code, Fault};
-use super::resolved::{Morph, Outputs, Phantom, Segment};
+use super::resolved::{Enhance, Morph, Outputs, Phantom, Segment, Views};
 use super::source::{Located, Span};
 use crate::feature::{Landmark, Landmarks};
 
@@ -38,10 +39,12 @@ pub(super) struct RawPlan {
     pub landmarks: RawLandmarks,
     pub cage_depth: Option<RawLength>,
     pub f1_root: Option<Located<[f64; 3]>>,
+    pub enhance: Enhance,
     pub segment: Segment,
     pub morph: Morph,
     pub candidates: Vec<RawCandidate>,
     pub outputs: Outputs,
+    pub views: Option<Views>,
 }
 
 /// Where the voxels come from, paths as written.
@@ -103,10 +106,12 @@ impl RawPlan {
             "landmarks",
             "cage",
             "f1",
+            "enhance",
             "segment",
             "morph",
             "candidate",
             "outputs",
+            "views",
         ];
         // A missing key has no place; the first key of the file stands for the file.
         let first = document
@@ -128,6 +133,7 @@ impl RawPlan {
         let name = name(&table, "`name`", faults);
         let title = title(&table, "`title`", faults);
         let (ct, ct_place) = ct(&table, faults);
+        let outputs = settings::outputs(&table, faults);
         Some(Self {
             name,
             title,
@@ -136,9 +142,11 @@ impl RawPlan {
             landmarks: landmarks(&table, faults),
             cage_depth: settings::cage_depth(&table, faults),
             f1_root: f1_root(&table, faults),
+            enhance: settings::enhance(&table, faults),
             segment: settings::segment(&table, faults),
             morph: settings::morph(&table, faults),
-            outputs: settings::outputs(&table, faults),
+            outputs: outputs.unwrap_or_default(),
+            views: views::views(&table, outputs, faults),
             candidates: candidates::candidates(&table, faults),
         })
     }
@@ -163,7 +171,7 @@ fn is_supported(version: &Value<'_>, faults: &mut Faults) -> bool {
     false
 }
 
-/// A name that becomes a folder: required.
+/// A name that becomes a file or folder: required.
 fn name(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<Located<String>> {
     let expected = format!(
         "at most {MAX_NAME} lower-case letters, digits and hyphens, not beginning with a hyphen"
@@ -182,7 +190,7 @@ fn name(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<Locate
         let fault = Fault::new(
             Code::BadValue,
             value.span().into(),
-            format!("{what} cannot name a folder"),
+            format!("{what} cannot name a file or folder"),
         );
         let hint = slug(written).map(|slug| format!("for example \"{slug}\""));
         faults.push(fault.found(describe(value)).expected(expected).hint(hint));

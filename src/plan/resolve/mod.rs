@@ -46,10 +46,12 @@ pub(super) fn plan(raw: &RawPlan, folder: &Path, grid: &Grid, faults: &mut Fault
                 None => DEFAULT_CAGE_DEPTH_MM,
             },
             f1: placed.f1?,
+            enhance: raw.enhance,
             segment: raw.segment,
             morph: raw.morph,
             candidates: candidates?,
             outputs: raw.outputs,
+            views: raw.views.clone(),
         })
     };
     let plan = resolved();

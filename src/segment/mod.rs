@@ -1,0 +1,3 @@
+//! What of a volume is tissue.
+
+pub mod threshold;
