@@ -83,7 +83,7 @@ mod tests {
     fn two_peaks_are_separated_in_the_middle_of_the_gap() {
         assert_eq!(
             of(vec![-1000, -1000, -1000, 40], Rescale::NONE),
-            Some(-480.0 + 0.0)
+            Some(-480.0)
         );
         let rescale = Rescale {
             slope: 0.5,
