@@ -6,7 +6,7 @@ use std::path::Path;
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
-use rhinoplan::feature::Landmark;
+use rhinoplan::feature::{FeatureKind, Landmark};
 use rhinoplan::plan::{
     Clip, Crop, Diagnostics, MAX_PLAN_BYTES, Plan, PlanFile, SkinThreshold, Views,
 };
@@ -22,7 +22,7 @@ const PLANS: [&str; 3] = [
 const TRIALS: usize = 9000;
 
 /// What is inserted: syntax, keys, and values at the borders of what is allowed.
-const PIECES: [&str; 58] = [
+const PIECES: [&str; 59] = [
     "[",
     "]",
     "[[",
@@ -72,6 +72,7 @@ const PIECES: [&str; 58] = [
     "{ width = 0.1 },",
     "\n[candidate]\n",
     "\n[views]\n",
+    "\nkind = \"point\"\n",
     "\n[[views.camera]]\n",
     "\nobjects = [\"bone\"]\n",
     "\nskin_hu = 1\n",
@@ -194,6 +195,8 @@ fn check_plan(plan: &Plan) {
             line.validate().unwrap();
             assert!(line.tip.0.y < plan.landmarks.maxilla.0.y);
             assert!((0.1..=10.0).contains(&stage.width));
+            let is_point = stage.kind == FeatureKind::Point;
+            assert!(!is_point || (stage.width == 1.0 && stage.source.root == stage.target.root));
         }
     }
 }

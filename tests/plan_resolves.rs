@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use rhinoplan::feature::{Edit, Landmark};
+use rhinoplan::feature::{Edit, FeatureKind, Landmark};
 use rhinoplan::plan::{
     Camera, Clip, Crop, CtSource, CutPlane, DEFAULT_BONE_HU, DEFAULT_CAGE_DEPTH_MM,
     DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, DrawnObject, Enhance, Method, Model,
@@ -373,6 +373,36 @@ fn every_edit_is_resolved_to_grid_millimetres() {
     assert_eq!(stage.edits, expected);
     assert_eq!(stage.width, 1.1 * 0.5);
     assert_near(stage.target.root.to_array(), to_grid([141.0, 70.0, 80.0]));
+}
+
+#[test]
+fn a_stage_has_the_kind_of_its_plan_unless_it_says_another() {
+    let stage = |name: &str, kind: &str| {
+        let header = "[[candidate.stage]]";
+        format!("{header}\nname = \"{name}\"\n{kind}f1 = [{{ rotate = 2 }}, {{ lengthen = 1 }}]\n")
+    };
+    let (line, point) = ("kind = \"line\"\n", "kind = \"point\"\n");
+    let stages = stage("a", "") + &stage("b", point) + &stage("c", line) + &stage("d", "");
+    let kinds = |f1: &str| {
+        let behind = format!("{f1}[[candidate]]\nname = \"c\"\n{stages}");
+        let plan = resolve(&voxel_plan(&behind));
+        let stages = &plan.candidates[0].stages;
+        for pair in stages.windows(2) {
+            assert_eq!(
+                pair[1].source, pair[0].target,
+                "lines accumulate over both kinds"
+            );
+            assert_ne!(pair[1].source.tip, pair[0].source.tip);
+        }
+        stages.iter().map(|stage| stage.kind).collect::<Vec<_>>()
+    };
+    use FeatureKind::{Line, Point};
+    assert_eq!(kinds(""), [Line, Point, Line, Line]);
+    assert_eq!(kinds("[f1]\nkind = \"line\"\n"), [Line, Point, Line, Line]);
+    assert_eq!(
+        kinds("[f1]\nkind = \"point\"\n"),
+        [Point, Point, Line, Point]
+    );
 }
 
 #[test]

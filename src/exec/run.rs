@@ -264,6 +264,7 @@ impl Session<'_, '_> {
         let record = StageRecord {
             name: stage.name.clone(),
             operation: Some(OperationRecord {
+                kind: stage.kind,
                 edits: stage.edits.clone(),
                 source_mm: stage.source,
                 target_mm: stage.target,

@@ -438,6 +438,7 @@ fn home(key: &str) -> Option<&'static str> {
         }
         "depth" => "[cage]",
         "root" => "[f1]",
+        "kind" => "[f1], or a [[candidate.stage]]",
         "median" | "smooth" => "[enhance]",
         "skin_hu" | "bone_hu" | "keep_largest" => "[segment]",
         "model" | "scale" | "method" | "tolerance" | "margin" | "compare_exact" => "[morph]",

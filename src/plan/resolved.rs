@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::feature::{Edit, FeatureLine, Landmarks};
+use crate::feature::{Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::space::GridPoint;
 
 pub use views::{
@@ -224,13 +224,15 @@ pub struct Candidate {
 pub struct Stage {
     /// `[a-z0-9][a-z0-9-]*`, unique in its candidate.
     pub name: String,
-    /// At least one, in the order in which they apply.
+    /// What of f1 is the feature.
+    pub kind: FeatureKind,
+    /// At least one, in the order in which they apply. Those of a point move the tip alone.
     pub edits: Vec<Edit>,
     /// f1' of the paper: the target of the stage before, or the preoperative line.
     pub source: FeatureLine,
     /// f1 of the paper: the source after the edits.
     pub target: FeatureLine,
-    /// Product of the width factors; 1 where there is none.
+    /// Product of the width factors; 1 where there is none, and for a point.
     pub width: f64,
 }
 

@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-use crate::feature::{Cage, Edit, FeatureLine, Landmarks};
+use crate::feature::{Cage, Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::measure::{REGION_NAMES, REGIONS};
 use crate::morph::audit::{FieldDifference, WarpAudit};
 use crate::plan::{Enhance, Morph, Outputs, Plan, Segment, SkinThreshold, Views};
@@ -188,6 +188,8 @@ pub struct StageRecord {
 /// What a stage does.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OperationRecord {
+    /// What of f1 was the feature.
+    pub kind: FeatureKind,
     /// The edits, resolved to grid mm and degrees.
     pub edits: Vec<Edit>,
     /// f1 as the stage found it, grid mm.

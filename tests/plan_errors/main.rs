@@ -619,6 +619,70 @@ fn candidates() {
     );
 }
 
+#[test]
+fn kinds() {
+    let first = "f1 = [{ move_tip = { voxels = [20, 0, 0] } }]";
+    check(
+        "kinds",
+        &[
+            (
+                "unknown kinds",
+                2,
+                &[
+                    Replace("root = [141.0", "kind = \"points\"\nroot = [141.0"),
+                    Replace("name = \"reduce\"", "name = \"reduce\"\n  kind = 1"),
+                ],
+            ),
+            (
+                "edits of a line in a plan of points",
+                3,
+                &[
+                    Replace("root = [141.0", "kind = \"point\"\nroot = [141.0"),
+                    Replace(
+                        first,
+                        "f1 = [{ deviate = 1 },\n{ move_root = { mm = [0, 1, 0] } },\n{ root_to = [141.0, 70.0, 83.0] }]",
+                    ),
+                ],
+            ),
+            (
+                "edits of a line in a stage of a point",
+                1,
+                &[Replace(
+                    "name = \"reduce\"",
+                    "name = \"reduce\"\n  kind = \"point\"",
+                )],
+            ),
+            (
+                "a width that neither the feature nor the model has",
+                2,
+                &[
+                    Replace("name = \"reduce\"", "name = \"reduce\"\n  kind = \"point\""),
+                    Replace("model = \"local\"", "model = \"lee2001\""),
+                ],
+            ),
+            (
+                "a tip at the root leaves nothing for a next stage",
+                1,
+                &[
+                    Replace(
+                        "name = \"straighten\"",
+                        "name = \"straighten\"\n  kind = \"point\"",
+                    ),
+                    Replace(first, "f1 = [{ tip_to = [141.0, 70.0, 84.0] }]"),
+                ],
+            ),
+            (
+                "a kind of a candidate",
+                1,
+                &[Replace(
+                    "title = \"Straight and",
+                    "kind = \"point\"\ntitle = \"Straight and",
+                )],
+            ),
+        ],
+    );
+}
+
 /// A plan of one candidate, stage and edit too many.
 fn crowd() -> String {
     let mut text = changed(&[

@@ -15,7 +15,7 @@ use super::decode::{Faults, Table, Value, describe, quote, small_integer};
 use super::diagnostic::{Code, Fault};
 use super::resolved::{Enhance, Morph, Outputs, Phantom, Segment, Views};
 use super::source::{Located, Span};
-use crate::feature::{Landmark, Landmarks};
+use crate::feature::{FeatureKind, Landmark, Landmarks};
 
 pub(super) use candidates::{MAX_WIDTH, RawCandidate, RawEdit, RawStage, RawVector};
 pub(super) use settings::RawLength;
@@ -39,6 +39,7 @@ pub(super) struct RawPlan {
     pub landmarks: RawLandmarks,
     pub cage_depth: Option<RawLength>,
     pub f1_root: Option<Located<[f64; 3]>>,
+    pub f1_kind: FeatureKind,
     pub enhance: Enhance,
     pub segment: Segment,
     pub morph: Morph,
@@ -133,6 +134,7 @@ impl RawPlan {
         let name = name(&table, "`name`", faults);
         let title = title(&table, "`title`", faults);
         let (ct, ct_place) = ct(&table, faults);
+        let (f1_root, f1_kind) = f1(&table, faults);
         let outputs = settings::outputs(&table, faults);
         Some(Self {
             name,
@@ -141,7 +143,8 @@ impl RawPlan {
             ct_place,
             landmarks: landmarks(&table, faults),
             cage_depth: settings::cage_depth(&table, faults),
-            f1_root: f1_root(&table, faults),
+            f1_root,
+            f1_kind: f1_kind.unwrap_or_default(),
             enhance: settings::enhance(&table, faults),
             segment: settings::segment(&table, faults),
             morph: settings::morph(&table, faults),
@@ -369,7 +372,22 @@ fn listed(names: &[&str]) -> String {
     }
 }
 
-fn f1_root(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Located<[f64; 3]>> {
-    let table = faults.table(plan.get("f1")?, "[f1]", &["root"])?;
-    faults.triple(table.get("root")?, "`f1.root`", POINT)
+/// Root and kind of the line, as far as the plan gives them.
+fn f1(
+    plan: &Table<'_, '_>,
+    faults: &mut Faults,
+) -> (Option<Located<[f64; 3]>>, Option<FeatureKind>) {
+    let table = plan.get("f1");
+    let Some(table) = table.and_then(|value| faults.table(value, "[f1]", &["root", "kind"])) else {
+        return (None, None);
+    };
+    let root = table.get("root");
+    let root = root.and_then(|value| faults.triple(value, "`f1.root`", POINT));
+    (root, kind(&table, "`f1.kind`", faults))
+}
+
+/// What of f1 is the feature, where the table says so.
+fn kind(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<FeatureKind> {
+    let words = [FeatureKind::Line, FeatureKind::Point].map(|kind| (kind.name(), kind));
+    faults.word(table.get("kind")?, what, &words)
 }

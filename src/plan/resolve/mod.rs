@@ -14,7 +14,7 @@ use crate::feature::LineError;
 use crate::space::{ContinuousIndex, Grid, GridPoint, LpsPoint, RasPoint};
 
 pub(super) use landmarks::sides_of_voxels;
-pub(super) use stages::widths;
+pub(super) use stages::misfits;
 
 /// Where the CT is. `folder` is the plan file's.
 pub(super) fn ct(ct: &RawCt, folder: &Path) -> CtSource {
