@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use rhinoplan::feature::{Cage, FeatureLine, NoseBox};
+use rhinoplan::feature::{Cage, FeatureKind, FeatureLine, NoseBox};
 use rhinoplan::measure::{Slabs, region_volumes};
 use rhinoplan::morph::audit::WarpAudit;
 use rhinoplan::morph::chain::{Chain, Lattice};
@@ -64,6 +64,7 @@ fn case(size: [usize; 3]) -> Case {
     let target = FeatureLine::new(landmarks.nasal_bones, tip).expect("a line");
     let cage = Cage::new(&landmarks, 11.0);
     let lines = StageLines {
+        kind: FeatureKind::Line,
         source,
         target,
         cage,

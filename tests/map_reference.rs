@@ -86,6 +86,7 @@ fn chain(plan: &Plan) -> Chain {
     let stages = plan.candidates[0].stages.iter();
     let maps = stages.map(|stage| {
         let lines = StageLines {
+            kind: stage.kind,
             source: stage.source,
             target: stage.target,
             cage,

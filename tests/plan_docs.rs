@@ -27,13 +27,16 @@ fn accept(text: &str) {
 
 #[test]
 fn examples_are_plans() {
-    let [whole, edits] = examples(PAGE)[..] else {
+    let [whole, edits, views] = examples(PAGE)[..] else {
         panic!("the page has other examples now");
     };
     accept(whole);
     let stage = "f1 = [{ deviate = 8.84 }]";
     assert!(whole.contains(stage));
     accept(&whole.replace(stage, edits));
+    let outputs = "[outputs]\nwrite = [\"volume\", \"displacement\"]\n";
+    assert!(whole.contains(outputs));
+    accept(&whole.replace(outputs, views));
 }
 
 #[test]
@@ -62,7 +65,9 @@ fn the_readme_shows_a_plan_and_what_a_fault_looks_like() {
 #[test]
 fn every_key_is_explained() {
     let text = "plan = 1\nname = \"a\"\nx = 1\nct.x = 1\nlandmarks.x = 1\ncage.x = 1\nf1.x = 1\n\
-                segment.x = 1\nmorph.x = 1\noutputs.x = 1\n\
+                enhance.x = 1\nenhance.smooth.x = 1\nsegment.x = 1\nmorph.x = 1\noutputs.x = 1\n\
+                views.x = 1\nviews.opacity.x = 1\nviews.crop.x = 1\nviews.clip.x = 1\n\
+                [[views.camera]]\nx = 1\n\
                 [[candidate]]\nx = 1\n[[candidate.stage]]\nx = 1\nf1 = [{ x = 1 }]\n";
     let file = PlanFile::from_text("p", Path::new("."), text);
     let faults = file.faults();

@@ -6,20 +6,23 @@ use std::path::Path;
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
-use rhinoplan::feature::Landmark;
-use rhinoplan::plan::{Diagnostics, MAX_PLAN_BYTES, Plan, PlanFile};
+use rhinoplan::feature::{FeatureKind, Landmark};
+use rhinoplan::plan::{
+    Clip, Crop, Diagnostics, MAX_PLAN_BYTES, Plan, PlanFile, SkinThreshold, Views,
+};
 use rhinoplan::space::Grid;
 
-const PLANS: [&str; 2] = [
+const PLANS: [&str; 3] = [
     include_str!("plans/example.toml"),
     include_str!("plans/kitchen-sink.toml"),
+    include_str!("plans/pictures.toml"),
 ];
 
 /// How many damaged plans are tried: a few seconds.
-const TRIALS: usize = 6000;
+const TRIALS: usize = 9000;
 
 /// What is inserted: syntax, keys, and values at the borders of what is allowed.
-const PIECES: [&str; 50] = [
+const PIECES: [&str; 59] = [
     "[",
     "]",
     "[[",
@@ -68,6 +71,15 @@ const PIECES: [&str; 50] = [
     "{ rotate = 179.9 },",
     "{ width = 0.1 },",
     "\n[candidate]\n",
+    "\n[views]\n",
+    "\nkind = \"point\"\n",
+    "\n[[views.camera]]\n",
+    "\nobjects = [\"bone\"]\n",
+    "\nskin_hu = 1\n",
+    "\"views\",",
+    "256",
+    "{ mm = 1000 }",
+    "\"coronal\"",
     "tip",
     "f1.root",
 ];
@@ -156,7 +168,20 @@ fn check_plan(plan: &Plan) {
         let index = grid().grid_to_index(*plan.landmarks.get(landmark));
         assert!(index.0.cmpge(glam::DVec3::splat(-1e-6)).all() && index.0.cmple(last).all());
     }
-    assert!(plan.cage_depth_mm > 0.0 && plan.segment.bone_hu > plan.segment.skin_hu);
+    assert!(plan.cage_depth_mm > 0.0);
+    if let SkinThreshold::Hu(skin_hu) = plan.segment.skin_hu {
+        assert!(plan.segment.bone_hu > skin_hu);
+    }
+    assert!(plan.enhance.median.is_none_or(|side| side == 3));
+    assert!(
+        plan.enhance
+            .smooth_mm
+            .is_none_or(|mm| mm > 0.0 && mm <= 10.0)
+    );
+    assert_eq!(plan.views.is_some(), plan.outputs.views);
+    if let Some(views) = &plan.views {
+        check_views(views);
+    }
     assert!(!plan.candidates.is_empty());
     let names: HashSet<&str> = plan.candidates.iter().map(|c| c.name.as_str()).collect();
     assert_eq!(names.len(), plan.candidates.len());
@@ -170,7 +195,33 @@ fn check_plan(plan: &Plan) {
             line.validate().unwrap();
             assert!(line.tip.0.y < plan.landmarks.maxilla.0.y);
             assert!((0.1..=10.0).contains(&stage.width));
+            let is_point = stage.kind == FeatureKind::Point;
+            assert!(!is_point || (stage.width == 1.0 && stage.source.root == stage.target.root));
         }
+    }
+}
+
+fn check_views(views: &Views) {
+    let names: HashSet<&str> = views.cameras.iter().map(|c| c.name.as_str()).collect();
+    assert!(!names.is_empty() && names.len() == views.cameras.len());
+    for camera in &views.cameras {
+        assert!(camera.azimuth_deg.abs() <= 180.0 && camera.elevation_deg.abs() <= 90.0);
+    }
+    assert!((256..=4096).contains(&views.size));
+    assert!((1..=2).contains(&views.objects.len()));
+    for drawn in &views.objects {
+        assert!(drawn.opacity > 0.0 && drawn.opacity <= 1.0);
+    }
+    if let Crop::Mm(mm) = views.crop {
+        assert!((20.0..=1000.0).contains(&mm));
+    }
+    if let Clip::Plane {
+        plane,
+        offset_mm,
+        keep,
+    } = views.clip
+    {
+        assert!(plane.sides().contains(&keep) && offset_mm.abs() <= 500.0);
     }
 }
 

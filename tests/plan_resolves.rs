@@ -4,10 +4,12 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use rhinoplan::feature::{Edit, Landmark};
+use rhinoplan::feature::{Edit, FeatureKind, Landmark};
 use rhinoplan::plan::{
-    CtSource, DEFAULT_BONE_HU, DEFAULT_CAGE_DEPTH_MM, DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU,
-    DEFAULT_TOLERANCE, Method, Model, Outputs, Phantom, Plan, PlanFile, Scale, Tolerance,
+    Camera, Clip, Crop, CtSource, CutPlane, DEFAULT_BONE_HU, DEFAULT_CAGE_DEPTH_MM,
+    DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, DrawnObject, Enhance, Method, Model,
+    Object, Outputs, Phantom, Plan, PlanFile, STANDARD_VIEWS, Scale, Segment, Side, SkinThreshold,
+    Tolerance, Views,
 };
 use rhinoplan::space::{
     ContinuousIndex, Grid, GridPoint, GridVector, LpsPoint, LpsVector, RasPoint,
@@ -105,7 +107,7 @@ fn the_example_of_the_format_resolves() {
     assert_eq!(plan.cage_depth_mm, 11.0);
     assert_near(plan.f1.root.to_array(), to_grid([141.0, 70.0, 84.0]));
     assert_near(plan.f1.tip.to_array(), to_grid([129.0, 33.0, 61.0]));
-    assert_eq!(plan.segment.skin_hu, -500.0);
+    assert_eq!(plan.segment.skin_hu, SkinThreshold::Hu(-500.0));
     assert_eq!(plan.segment.bone_hu, 300.0);
     assert_eq!(plan.morph.model, Model::Local { margin_mm: 20.0 });
     assert_eq!(plan.morph.scale, Scale::Full);
@@ -115,6 +117,7 @@ fn the_example_of_the_format_resolves() {
     let both = Outputs {
         volume: true,
         displacement: true,
+        ..Outputs::default()
     };
     assert_eq!(plan.outputs, both);
 
@@ -182,8 +185,13 @@ fn what_is_not_written_is_the_default() {
     assert_eq!(plan.cage_depth_mm, DEFAULT_CAGE_DEPTH_MM);
     assert_eq!(plan.f1.root, plan.landmarks.nasal_bones);
     assert_eq!(plan.f1.tip, plan.landmarks.tip);
-    assert_eq!(plan.segment.skin_hu, DEFAULT_SKIN_HU);
-    assert_eq!(plan.segment.bone_hu, DEFAULT_BONE_HU);
+    assert_eq!(plan.enhance, Enhance::default());
+    let segment = Segment {
+        skin_hu: SkinThreshold::Hu(DEFAULT_SKIN_HU),
+        bone_hu: DEFAULT_BONE_HU,
+        keep_largest: true,
+    };
+    assert_eq!(plan.segment, segment);
     let margin_mm = DEFAULT_MARGIN_MM;
     assert_eq!(plan.morph.model, Model::Local { margin_mm });
     assert_eq!(plan.morph.scale, Scale::Full);
@@ -191,6 +199,7 @@ fn what_is_not_written_is_the_default() {
     assert_eq!(plan.morph.method, Method::Adaptive { tolerance });
     assert!(!plan.morph.compare_exact);
     assert_eq!(plan.outputs, Outputs::default());
+    assert_eq!(plan.views, None);
     assert_eq!(plan.candidates[0].title, None);
 }
 
@@ -202,14 +211,14 @@ fn what_is_written_is_not_the_default() {
          [outputs]\nwrite = [\"displacement\"]\n{ONE_STAGE}"
     )));
     assert_eq!(plan.cage_depth_mm, 12.5, "25 voxels of 0.5 mm along y");
-    assert_eq!(plan.segment.skin_hu, -300.0);
+    assert_eq!(plan.segment.skin_hu, SkinThreshold::Hu(-300.0));
     assert_eq!(plan.segment.bone_hu, 250.5);
     assert_eq!(plan.morph.model, Model::Lee2001);
     assert_eq!(plan.morph.scale, Scale::Half);
     assert_eq!(plan.morph.method, Method::Exact);
     let displacement = Outputs {
-        volume: false,
         displacement: true,
+        ..Outputs::default()
     };
     assert_eq!(plan.outputs, displacement);
 
@@ -220,6 +229,121 @@ fn what_is_written_is_not_the_default() {
     let tolerance = Tolerance::Voxels(0.1);
     assert_eq!(plan.morph.method, Method::Adaptive { tolerance });
     assert!(plan.morph.compare_exact);
+}
+
+#[test]
+fn pictures_are_as_written() {
+    let plan = resolve(include_str!("plans/pictures.toml"));
+    let enhance = Enhance {
+        median: Some(3),
+        smooth_mm: Some(0.6),
+    };
+    assert_eq!(plan.enhance, enhance);
+    let segment = Segment {
+        skin_hu: SkinThreshold::Otsu,
+        bone_hu: DEFAULT_BONE_HU,
+        keep_largest: false,
+    };
+    assert_eq!(plan.segment, segment);
+    let outputs = Outputs {
+        views: true,
+        slices: true,
+        charts: true,
+        ..Outputs::default()
+    };
+    assert_eq!(plan.outputs, outputs);
+    let camera = |name: &str, azimuth_deg, elevation_deg| Camera {
+        name: name.to_owned(),
+        azimuth_deg,
+        elevation_deg,
+    };
+    let drawn = |object, opacity| DrawnObject { object, opacity };
+    let views = Views {
+        cameras: vec![
+            camera("basal", 0.0, -90.0),
+            camera("frontal", 0.0, 0.0),
+            camera("high-left", 30.0, 20.0),
+            camera("behind", -180.0, -12.5),
+        ],
+        size: 512,
+        objects: vec![drawn(Object::Bone, 1.0), drawn(Object::Skin, 0.4)],
+        crop: Crop::Mm(180.0),
+        clip: Clip::Plane {
+            plane: CutPlane::Sagittal,
+            offset_mm: -2.5,
+            keep: Side::Left,
+        },
+    };
+    assert_eq!(plan.views, Some(views));
+}
+
+#[test]
+fn pictures_have_defaults() {
+    let views = |views: &str| {
+        let outputs = format!("{ONE_STAGE}[outputs]\nwrite = [\"views\"]\n");
+        resolve(&voxel_plan(&format!("{outputs}{views}")))
+            .views
+            .unwrap()
+    };
+    let default = views("");
+    assert_eq!(default, Views::default());
+    assert_eq!(views("[views]\n"), default);
+    assert_eq!(default.size, 1024);
+    let skin = DrawnObject {
+        object: Object::Skin,
+        opacity: 1.0,
+    };
+    assert_eq!(default.objects, [skin]);
+    assert_eq!((default.crop, default.clip), (Crop::Face, Clip::None));
+    let seen = |camera: &Camera| {
+        (
+            camera.name.clone(),
+            camera.azimuth_deg,
+            camera.elevation_deg,
+        )
+    };
+    let expected = [
+        ("frontal", 0.0, 0.0),
+        ("lateral-left", 90.0, 0.0),
+        ("lateral-right", -90.0, 0.0),
+        ("oblique-left", 45.0, 0.0),
+        ("oblique-right", -45.0, 0.0),
+        ("basal", 0.0, -90.0),
+    ];
+    let expected = expected.map(|(name, azimuth, elevation)| (name.to_owned(), azimuth, elevation));
+    assert!(default.cameras.iter().map(seen).eq(expected));
+
+    let own = "[[views.camera]]\nname = \"a\"\nazimuth = 1\nelevation = 2\n";
+    let both = views(own);
+    assert_eq!(both.cameras.len(), STANDARD_VIEWS.len() + 1);
+    assert_eq!(both.cameras[..6], default.cameras);
+    let only = views(&format!("[views]\nnames = []\n{own}"));
+    assert_eq!(only.cameras, both.cameras[6..]);
+
+    let words = [
+        ("face", Crop::Face),
+        ("head", Crop::Head),
+        ("nose", Crop::Nose),
+    ];
+    for (word, crop) in words {
+        assert_eq!(views(&format!("[views]\ncrop = \"{word}\"\n")).crop, crop);
+    }
+    assert_eq!(views("[views]\nclip = \"nose\"\n").clip, Clip::Nose);
+    for (plane, name, sides) in [
+        (CutPlane::Sagittal, "sagittal", ["right", "left"]),
+        (CutPlane::Coronal, "coronal", ["anterior", "posterior"]),
+        (CutPlane::Axial, "axial", ["inferior", "superior"]),
+    ] {
+        for (side, keep) in sides.into_iter().zip(plane.sides()) {
+            let text = format!("[views]\nclip = {{ plane = \"{name}\", keep = \"{side}\" }}\n");
+            let clip = Clip::Plane {
+                plane,
+                offset_mm: 0.0,
+                keep,
+            };
+            assert_eq!(views(&text).clip, clip);
+        }
+    }
 }
 
 #[test]
@@ -249,6 +373,36 @@ fn every_edit_is_resolved_to_grid_millimetres() {
     assert_eq!(stage.edits, expected);
     assert_eq!(stage.width, 1.1 * 0.5);
     assert_near(stage.target.root.to_array(), to_grid([141.0, 70.0, 80.0]));
+}
+
+#[test]
+fn a_stage_has_the_kind_of_its_plan_unless_it_says_another() {
+    let stage = |name: &str, kind: &str| {
+        let header = "[[candidate.stage]]";
+        format!("{header}\nname = \"{name}\"\n{kind}f1 = [{{ rotate = 2 }}, {{ lengthen = 1 }}]\n")
+    };
+    let (line, point) = ("kind = \"line\"\n", "kind = \"point\"\n");
+    let stages = stage("a", "") + &stage("b", point) + &stage("c", line) + &stage("d", "");
+    let kinds = |f1: &str| {
+        let behind = format!("{f1}[[candidate]]\nname = \"c\"\n{stages}");
+        let plan = resolve(&voxel_plan(&behind));
+        let stages = &plan.candidates[0].stages;
+        for pair in stages.windows(2) {
+            assert_eq!(
+                pair[1].source, pair[0].target,
+                "lines accumulate over both kinds"
+            );
+            assert_ne!(pair[1].source.tip, pair[0].source.tip);
+        }
+        stages.iter().map(|stage| stage.kind).collect::<Vec<_>>()
+    };
+    use FeatureKind::{Line, Point};
+    assert_eq!(kinds(""), [Line, Point, Line, Line]);
+    assert_eq!(kinds("[f1]\nkind = \"line\"\n"), [Line, Point, Line, Line]);
+    assert_eq!(
+        kinds("[f1]\nkind = \"point\"\n"),
+        [Point, Point, Line, Point]
+    );
 }
 
 #[test]

@@ -53,12 +53,13 @@ fn run(name: &str) -> RunReport {
 
 /// Each plan is run once, whichever test comes first.
 fn record(name: &'static str) -> &'static RunRecord {
-    static RUNS: [(&str, OnceLock<RunReport>); 5] = [
+    static RUNS: [(&str, OnceLock<RunReport>); 6] = [
         ("two-operations-lee2001", OnceLock::new()),
         ("two-operations-lee2001-half", OnceLock::new()),
         ("two-operations-local", OnceLock::new()),
         ("two-operations-local-half", OnceLock::new()),
         ("four-candidates", OnceLock::new()),
+        ("fig8", OnceLock::new()),
     ];
     let (_, cell) = RUNS.iter().find(|(known, _)| *known == name).unwrap();
     &cell.get_or_init(|| run(name)).record
@@ -83,6 +84,7 @@ fn every_plan_that_ships_is_tested_here() {
     assert_eq!(
         names,
         [
+            "fig8",
             "four-candidates",
             "two-operations-lee2001",
             "two-operations-lee2001-half",
@@ -273,6 +275,11 @@ fn golden_two_operations_local_half() {
 #[test]
 fn golden_four_candidates() {
     golden("four-candidates");
+}
+
+#[test]
+fn golden_fig8() {
+    golden("fig8");
 }
 
 /// Two texts are the same where everything but numbers is, and numbers are near.

@@ -3,6 +3,7 @@
 use thiserror::Error;
 
 use super::ct::CtError;
+use super::skin::SkinError;
 use crate::feature::LineError;
 use crate::io::artifact::ArtifactError;
 use crate::io::nifti::WriteError;
@@ -62,6 +63,9 @@ pub enum RunError {
     /// The CT cannot be read.
     #[error(transparent)]
     Ct(#[from] CtError),
+    /// The CT gives no skin threshold.
+    #[error(transparent)]
+    Skin(#[from] SkinError),
     /// There is nothing to measure before the first operation.
     #[error("the preoperative nose cannot be measured: {0}")]
     Preoperative(MeasureError),
@@ -105,7 +109,9 @@ impl RunError {
     /// What the process ends with.
     pub fn exit_code(&self) -> ExitCode {
         match self {
-            Self::Ct(_) | Self::Preoperative(_) | Self::Measure { .. } => ExitCode::Input,
+            Self::Ct(_) | Self::Skin(_) | Self::Preoperative(_) | Self::Measure { .. } => {
+                ExitCode::Input
+            }
             Self::Half(_) | Self::Volume(_) => ExitCode::Input,
             Self::Line { .. } | Self::Artifact(_) => ExitCode::Usage,
             Self::Write(WriteError::Mismatch { .. }) | Self::Record(_) => ExitCode::Bug,

@@ -9,6 +9,7 @@ pub mod events;
 mod operation;
 pub mod preflight;
 pub mod run;
+pub mod skin;
 mod timings;
 
 pub use error::{ExitCode, RunError};

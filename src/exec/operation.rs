@@ -200,6 +200,7 @@ fn stage_map(
     on: &Lattice,
 ) -> Result<StageMap, LineError> {
     let lines = StageLines {
+        kind: stage.kind,
         source: stage.source,
         target: stage.target,
         cage: Cage::new(&plan.landmarks, plan.cage_depth_mm),

@@ -10,6 +10,7 @@ use super::error::{At, RunError};
 use super::events::{Event, Observer, Phase, Place};
 use super::operation::Operation;
 use super::preflight::{Ready, output_folder};
+use super::skin::skin_hu;
 use super::timings::{Clock, Timings};
 use crate::feature::FeatureLine;
 use crate::io::artifact::{Artifact, ArtifactError};
@@ -63,9 +64,14 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         phases,
     });
     let mut staging = Staging::new(&folder)?;
-    let ct = clock.time(Phase::Read, None, || ct::load(&plan.ct))?;
+    let (ct, skin_hu) = clock.time(Phase::Read, None, || {
+        let ct = ct::load(&plan.ct)?;
+        let skin_hu = skin_hu(&plan.segment, &ct.volume)?;
+        Ok::<_, RunError>((ct, skin_hu))
+    })?;
     let mut session = Session {
         plan,
+        skin_hu,
         template: &ct.template,
         staging: &mut staging,
         clock: &mut clock,
@@ -83,7 +89,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
             plan_sha256: ready.sha256.clone(),
             ct: ct.record.clone(),
         },
-        plan: PlanRecord::new(plan, ct.volume.grid()),
+        plan: PlanRecord::new(plan, skin_hu, ct.volume.grid()),
         candidates,
     };
     drop::<Ct>(ct);
@@ -145,6 +151,8 @@ fn compares(plan: &Plan) -> bool {
 
 struct Session<'a, 'b> {
     plan: &'a Plan,
+    /// Where tissue begins: the plan's threshold, or what the CT gave for it.
+    skin_hu: f64,
     template: &'a Template,
     staging: &'a mut Staging,
     clock: &'a mut Clock<'b>,
@@ -161,11 +169,11 @@ impl Session<'_, '_> {
         &mut self,
         preoperative: &Volume<T>,
     ) -> Result<Vec<CandidateRecord>, RunError> {
-        let plan = self.plan;
+        let (plan, skin_hu) = (self.plan, self.skin_hu);
         let measures = self
             .clock
             .time(Phase::Measure, None, || {
-                measure(plan, preoperative, plan.f1, plan.f1)
+                measure(plan, skin_hu, preoperative, plan.f1, plan.f1)
             })
             .map_err(RunError::Preoperative)?;
         let start = StageRecord {
@@ -210,7 +218,7 @@ impl Session<'_, '_> {
         preoperative: &Volume<T>,
         before: Option<Volume<T>>,
     ) -> Result<(Volume<T>, StageRecord), RunError> {
-        let plan = self.plan;
+        let (plan, skin_hu) = (self.plan, self.skin_hu);
         let stage = &candidate.stages[place];
         let at = Place {
             candidate: &candidate.name,
@@ -243,7 +251,7 @@ impl Session<'_, '_> {
         let measures = self
             .clock
             .time(Phase::Measure, Some(at), || {
-                measure(plan, &volume, stage.source, stage.target)
+                measure(plan, skin_hu, &volume, stage.source, stage.target)
             })
             .map_err(|source| RunError::Measure {
                 at: At {
@@ -256,6 +264,7 @@ impl Session<'_, '_> {
         let record = StageRecord {
             name: stage.name.clone(),
             operation: Some(OperationRecord {
+                kind: stage.kind,
                 edits: stage.edits.clone(),
                 source_mm: stage.source,
                 target_mm: stage.target,
@@ -299,6 +308,7 @@ impl Session<'_, '_> {
 /// The measures of a volume whose f1 ends at `after`'s tip and ended at `before`'s.
 fn measure<T: Sample>(
     plan: &Plan,
+    skin_hu: f64,
     volume: &Volume<T>,
     before: FeatureLine,
     after: FeatureLine,
@@ -308,7 +318,7 @@ fn measure<T: Sample>(
     landmarks.tip = after.tip;
     let geometry = NoseGeometry::new(&landmarks)?;
     let slabs = Slabs::new(&plan.landmarks)?;
-    let regions = region_volumes(volume, &slabs, plan.segment.skin_hu)?;
+    let regions = region_volumes(volume, &slabs, skin_hu)?;
     let voxel = |point: GridPoint| grid.grid_to_index(point);
     Ok(Measures {
         volume_mm3: regions.0,

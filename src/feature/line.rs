@@ -17,6 +17,28 @@ pub struct FeatureLine {
     pub tip: GridPoint,
 }
 
+/// What of f1 is the feature: what is mapped onto what, and from where distances are counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FeatureKind {
+    /// The line from root to tip.
+    #[default]
+    Line,
+    /// The tip alone, which can be moved and neither turned nor stretched: the "augmentation operator" of the
+    /// paper's earlier study [12], which the paper compares with the line (section III, Fig. 8).
+    Point,
+}
+
+impl FeatureKind {
+    /// The name that plans use.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Line => "line",
+            Self::Point => "point",
+        }
+    }
+}
+
 /// Why a feature line cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum LineError {

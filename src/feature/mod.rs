@@ -9,4 +9,4 @@ mod line;
 pub use cage::{ANTERIOR_CLEARANCE_MM, Cage, NoseBox};
 pub use edit::{Edit, apply_edits};
 pub use landmarks::{Landmark, Landmarks};
-pub use line::{FeatureLine, LineError, MIN_LENGTH_MM};
+pub use line::{FeatureKind, FeatureLine, LineError, MIN_LENGTH_MM};

@@ -3,7 +3,7 @@
 //!
 //! Every distance to a segment changes by at most the distance moved, so its range over the ball follows
 //! from its value at the centre. For r = d + ε with d the distance to a segment, along any unit direction,
-//! |d'| ≤ 1 and 0 ≤ d·d'' ≤ 1. With ρ = r₁²·Σ rₖ⁻² over the cage, λ = 1/(1 + ρ).
+//! |d'| ≤ 1 and 0 ≤ d·d'' ≤ 1; for a point feature likewise. With ρ = r₁²·Σ rₖ⁻² over the cage, λ = 1/(1 + ρ).
 
 use glam::DVec3;
 

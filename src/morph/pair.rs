@@ -7,7 +7,7 @@ use crate::feature::LineError;
 /// Two vectors closer to parallel than this (sine of their angle) give no cross product to build a frame on.
 const PARALLEL_TOLERANCE: f64 = 1e-9;
 
-/// A line as the map sees it: two points in the model's units.
+/// A feature as the map sees it: two points in the model's units, which are one for a point feature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
     /// The paper's A.
@@ -22,12 +22,30 @@ impl Segment {
         Self { start, end }
     }
 
+    /// A point feature.
+    pub const fn point(at: DVec3) -> Self {
+        Self { start: at, end: at }
+    }
+
     /// Distance from a point to the segment (not to the line through it; method section 3).
     pub fn distance(&self, point: DVec3) -> f64 {
-        let along = self.end - self.start;
         let to = point - self.start;
+        if self.start == self.end {
+            return to.length();
+        }
+        let along = self.end - self.start;
         let place = (to.dot(along) / along.length_squared()).clamp(0.0, 1.0);
         (to - along * place).length()
+    }
+
+    /// 1/|AB|²; 0 for a point feature, of which the start is then the nearest place to everything.
+    #[inline]
+    pub(super) fn inverse_length2(&self) -> f64 {
+        if self.start == self.end {
+            0.0
+        } else {
+            1.0 / (self.end - self.start).length_squared()
+        }
     }
 }
 
@@ -102,6 +120,15 @@ impl PairMap {
             linear: source_axes * rows.transpose() - DMat3::IDENTITY,
             shift: source.start - target.start,
         })
+    }
+
+    /// The map that takes the `target` point to the `source` point: everything moves alike.
+    pub fn translation(source: DVec3, target: DVec3) -> Self {
+        Self {
+            origin: target,
+            linear: DMat3::ZERO,
+            shift: source - target,
+        }
     }
 
     /// Whether no point moves.
@@ -210,6 +237,15 @@ mod tests {
             common_axis(DVec3::new(0.0, 3.0, 0.0), DVec3::new(2.0, 0.0, 0.0)),
             Some(DVec3::Z)
         );
+    }
+
+    #[test]
+    fn distances_to_a_point_are_those_to_both_its_ends() {
+        let at = A + DVec3::new(3.0, -4.0, 12.0);
+        assert_eq!(Segment::point(A).distance(at), 13.0);
+        assert_eq!(Segment::point(A).distance(A), 0.0);
+        assert_eq!(Segment::point(A).inverse_length2(), 0.0);
+        assert_eq!(line(A, [0.0, 3.0, -4.0]).inverse_length2(), 0.04);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The general map: any number of pairs of feature lines (paper equation 3).
+//! The general map: any number of pairs of feature lines, or of feature points (paper equation 3).
 //!
 //! The plans of this program use nine lines of which eight hold still, for which
 //! [`stage`](super::stage) has a shorter form. This one is what further lines need, and the reference that
@@ -35,6 +35,14 @@ impl LineSum {
         Self {
             lines: vec![(target, map)],
         }
+    }
+
+    /// Adds a pair of point features.
+    #[must_use]
+    pub fn with_point(mut self, source: DVec3, target: DVec3) -> Self {
+        let map = PairMap::translation(source, target);
+        self.lines.push((Segment::point(target), map));
+        self
     }
 
     /// Adds lines that are the same in source and target.

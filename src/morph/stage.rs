@@ -2,7 +2,8 @@
 //!
 //! f2..f9 map every point to itself, so the weighted sum of paper equation 3 is
 //! V' = V + λ(V)·(V'₁ − V) with λ = w₁/Σw: one affine map and nine distances for a voxel
-//! (method section 3). Eight of the nine lines are parallel to x or z.
+//! (method section 3). Eight of the nine lines are parallel to x or z. Where f1 is a point, it is a line of
+//! no length here, and its map a translation.
 
 #![allow(
     clippy::needless_range_loop,
@@ -14,7 +15,7 @@ use glam::{DMat3, DVec3};
 use super::pair::{Frame, PairMap, Segment};
 use super::reference::LineSum;
 use super::{Chain, EPSILON, LANES, Lattice, Points};
-use crate::feature::{Cage, FeatureLine, LineError, NoseBox};
+use crate::feature::{Cage, FeatureKind, FeatureLine, LineError, NoseBox};
 use crate::space::GridPoint;
 
 /// Below this a distance is zero as far as its direction is concerned: the gradient there is taken as zero.
@@ -65,6 +66,8 @@ pub struct StageMap {
 /// A stage's lines and the cage, in grid millimetres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageLines {
+    /// What of the two lines f1' and f1 is the feature.
+    pub kind: FeatureKind,
     /// f1' of the paper.
     pub source: FeatureLine,
     /// f1 of the paper.
@@ -73,32 +76,53 @@ pub struct StageLines {
     pub cage: Cage,
 }
 
+impl StageLines {
+    /// f1, and what its pair does, in the units that `to_units` takes grid millimetres to.
+    fn feature(
+        &self,
+        to_units: impl Fn(GridPoint) -> DVec3,
+        frame: Frame,
+    ) -> Result<(Segment, PairMap), LineError> {
+        self.source.validate()?;
+        self.target.validate()?;
+        match self.kind {
+            FeatureKind::Line => {
+                let segment =
+                    |line: &FeatureLine| Segment::new(to_units(line.root), to_units(line.tip));
+                let f1 = segment(&self.target);
+                Ok((f1, PairMap::new(segment(&self.source), f1, frame)?))
+            }
+            FeatureKind::Point => {
+                let (source, target) = (to_units(self.source.tip), to_units(self.target.tip));
+                Ok((Segment::point(target), PairMap::translation(source, target)))
+            }
+        }
+    }
+}
+
 impl StageMap {
     /// Model `lee2001`: in voxels of the lattice `units`, evaluated on the lattice `on`.
     ///
     /// # Errors
     /// [`LineError`] where a line has no direction.
     pub fn lee2001(lines: &StageLines, units: &Lattice, on: &Lattice) -> Result<Self, LineError> {
-        let to_units = |point: DVec3| units.index_of(GridPoint(point));
-        let segment =
-            |line: &FeatureLine| Segment::new(to_units(line.root.0), to_units(line.tip.0));
-        lines.source.validate()?;
-        lines.target.validate()?;
-        let f1 = segment(&lines.target);
+        let to_units = |point| units.index_of(point);
+        let (f1, pair) = lines.feature(to_units, Frame::Literal)?;
         Ok(Self {
             scale: on.spacing() / units.spacing(),
             offset: units.index_of(on.point_at(DVec3::ZERO)),
             f1,
-            pair: PairMap::new(segment(&lines.source), f1, Frame::Literal)?,
+            pair,
             cage: Cage {
-                min: to_units(lines.cage.min),
-                max: to_units(lines.cage.max),
+                min: to_units(GridPoint(lines.cage.min)),
+                max: to_units(GridPoint(lines.cage.max)),
             },
             taper: None,
         })
     }
 
-    /// Model `local`: in grid millimetres, evaluated on the lattice `on`.
+    /// Model `local`: in grid millimetres, evaluated on the lattice `on`. `width` is the line's: a point has
+    /// none.
     ///
     /// # Errors
     /// [`LineError`] where a line has no direction.
@@ -108,15 +132,12 @@ impl StageMap {
         taper: Taper,
         on: &Lattice,
     ) -> Result<Self, LineError> {
-        let segment = |line: &FeatureLine| Segment::new(line.root.0, line.tip.0);
-        lines.source.validate()?;
-        lines.target.validate()?;
-        let f1 = segment(&lines.target);
+        let (f1, pair) = lines.feature(|point| point.0, Frame::Unit { width })?;
         Ok(Self {
             scale: on.spacing(),
             offset: on.point_at(DVec3::ZERO).0,
             f1,
-            pair: PairMap::new(segment(&lines.source), f1, Frame::Unit { width })?,
+            pair,
             cage: lines.cage,
             taper: Some(taper),
         })
@@ -188,7 +209,7 @@ impl StageMap {
     #[inline]
     fn strength(&self, units: &Points) -> [f64; LANES] {
         let along = self.f1.end - self.f1.start;
-        let inverse_length2 = 1.0 / along.length_squared();
+        let inverse_length2 = self.f1.inverse_length2();
         let (a, lo, hi) = (self.f1.start, self.cage.min, self.cage.max);
         let mut strength = [0.0; LANES];
         for lane in 0..LANES {
@@ -260,7 +281,7 @@ impl StageMap {
     /// t·λ and its gradient, at positions in the model's units.
     fn strength_and_gradient(&self, units: &Points) -> ([f64; LANES], Points) {
         let along = self.f1.end - self.f1.start;
-        let inverse_length2 = 1.0 / along.length_squared();
+        let inverse_length2 = self.f1.inverse_length2();
         let (a, lo, hi) = (self.f1.start, self.cage.min, self.cage.max);
         let mut strength = [0.0; LANES];
         let mut gradient = Points::ZERO;

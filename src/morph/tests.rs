@@ -9,10 +9,12 @@ use super::audit::{FieldDifference, WarpAudit};
 use super::chain::{Chain, Lattice};
 use super::field::{Evaluation, Field};
 use super::halfscale::CoarseDisplacement;
+use super::pair::Frame;
+use super::reference::LineSum;
 use super::stage::{StageLines, StageMap, Taper};
 use super::warp::warp;
 use super::{EPSILON, LANES, Points};
-use crate::feature::{Cage, FeatureLine, Landmarks, NoseBox};
+use crate::feature::{Cage, FeatureKind, FeatureLine, Landmarks, NoseBox};
 use crate::space::{Grid, GridPoint, LpsPoint};
 use crate::volume::{Rescale, Volume};
 
@@ -50,6 +52,7 @@ fn moved(tip_by: [f64; 3]) -> FeatureLine {
 
 fn lines(source: FeatureLine, target: FeatureLine) -> StageLines {
     StageLines {
+        kind: FeatureKind::Line,
         source,
         target,
         cage: Cage::new(&landmarks(), 11.0),
@@ -81,6 +84,25 @@ fn both_models(source: FeatureLine, target: FeatureLine) -> [StageMap; 2] {
     ]
 }
 
+/// Both models of one operation on the tip alone, on the full lattice.
+fn both_of_a_point(source: FeatureLine, target: FeatureLine) -> [StageMap; 2] {
+    let full = Lattice::full(&grid());
+    let point = StageLines {
+        kind: FeatureKind::Point,
+        ..lines(source, target)
+    };
+    [
+        StageMap::local(&point, 1.0, taper(&source, &target), &full).unwrap(),
+        StageMap::lee2001(&point, &full, &full).unwrap(),
+    ]
+}
+
+/// Both models and both kinds of feature.
+fn all_maps(source: FeatureLine, target: FeatureLine) -> impl Iterator<Item = StageMap> {
+    let lines = both_models(source, target).into_iter();
+    lines.chain(both_of_a_point(source, target))
+}
+
 fn source_of(chain: &Chain, at: DVec3) -> DVec3 {
     let mut points = Points::splat(at);
     chain.to_source(&mut points);
@@ -109,7 +131,7 @@ fn adaptive_mm(tolerance: f64) -> Evaluation {
 #[test]
 fn the_tip_comes_from_where_it_was() {
     let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
-    for stage in both_models(source, target) {
+    for stage in all_maps(source, target) {
         let at = target.tip.0 / grid().spacing();
         let from = source_of(&stage.into(), at) * grid().spacing();
         assert!((from - source.tip.0).length() < 1e-3, "{from}");
@@ -136,6 +158,62 @@ fn a_translated_f1_translates_the_tissue_on_it() {
     }
 }
 
+/// Written out from the definition: V + (P' − P), weighted by (|V − P| + ε)⁻² against the eight edges.
+#[test]
+fn a_point_translates_by_the_distance_to_it() {
+    let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
+    let (from, to) = (source.tip.0, target.tip.0);
+    let weight = |distance: f64| 1.0 / ((distance + 1e-3) * (distance + 1e-3));
+    let to_segment = |(a, b): (DVec3, DVec3), at: DVec3| {
+        let place = ((at - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
+        at.distance(a.lerp(b, place))
+    };
+    let cage = Cage::new(&landmarks(), 11.0);
+    let taper = taper(&source, &target);
+    let spacing = grid().spacing();
+    let [local, lee2001] = both_of_a_point(source, target).map(Chain::from);
+    let mut furthest = 0.0_f64;
+    for index in [
+        [48.9, 19.3, 23.1],
+        [47.2, 20.0, 28.4],
+        [40.0, 30.0, 22.0],
+        [36.1, 43.7, 31.9],
+        [25.0, 25.0, 15.0],
+        [90.0, 80.0, 50.0],
+    ] {
+        let index = DVec3::from_array(index);
+        let share = |unit: DVec3| {
+            let at = index * spacing / unit;
+            let own = weight(at.distance(to / unit));
+            let edges = cage.edges();
+            let held = edges.map(|(a, b)| weight(to_segment((a / unit, b / unit), at)));
+            own / (own + held.iter().sum::<f64>())
+        };
+        let by_local = (from - to) * share(DVec3::ONE) * taper.at(GridPoint(index * spacing));
+        let by_lee2001 = (from - to) * share(spacing);
+        for (chain, expected) in [(&local, by_local), (&lee2001, by_lee2001)] {
+            let found = (source_of(chain, index) - index) * spacing;
+            assert!((found - expected).length() < 1e-12, "{found} at {index}");
+            furthest = furthest.max(found.length());
+        }
+    }
+    assert!(furthest > 3.0, "{furthest}");
+}
+
+/// A tip that stays keeps a point where it is, however the root moves.
+#[test]
+fn a_point_knows_no_root() {
+    let source = preoperative();
+    let root = source.root.0 + DVec3::new(3.0, -2.0, 4.0);
+    for stage in both_of_a_point(source, line(root, source.tip.0)) {
+        assert!(stage.is_identity());
+    }
+    let tip = source.tip.0 + DVec3::new(2.0, 1.0, 0.0);
+    let [_, with] = both_of_a_point(source, line(root, tip));
+    let [_, without] = both_of_a_point(source, line(source.root.0, tip));
+    assert_eq!(with, without);
+}
+
 #[test]
 fn a_ramp_under_an_affine_map_is_the_ramp_of_the_affine_map() {
     // With the cage out of reach λ is 1 and the map is the affine map of f1 alone.
@@ -146,6 +224,7 @@ fn a_ramp_under_an_affine_map_is_the_ramp_of_the_affine_map() {
     };
     let (source, target) = (preoperative(), moved([1.0, -2.0, 1.5]));
     let stage_lines = StageLines {
+        kind: FeatureKind::Line,
         source,
         target,
         cage: far,
@@ -208,7 +287,7 @@ fn no_edit_gives_the_input_bit_for_bit() {
     let samples = Array3::from_shape_fn((nz, ny, nx), |(z, y, x)| odd[(x + 2 * y + 3 * z) % 5]);
     let volume = Volume::new(grid.clone(), Rescale::NONE, samples).unwrap();
     let full = Lattice::full(&grid);
-    for stage in both_models(start, start) {
+    for stage in all_maps(start, start) {
         let chain = Chain::from(stage);
         for evaluation in [Evaluation::Exact, adaptive_mm(0.05)] {
             let warped = warp(&volume, &Field::evaluated(full, &chain, evaluation));
@@ -338,7 +417,10 @@ fn the_jacobian_is_that_of_finite_differences() {
         local(second, third, 1.0, &full),
     ]);
     let global = Chain::from(lee2001(first, second, &full));
-    for chain in [chain, global] {
+    let [point, global_point] = both_of_a_point(first, second);
+    // A line and a point in one candidate.
+    let mixed = Chain::new(vec![point, local(second, third, 0.9, &full)]);
+    for chain in [chain, global, mixed, Chain::from(global_point)] {
         let mut seen = Vec::new();
         for at in [
             [40.3, 12.4, 20.1],
@@ -374,7 +456,7 @@ fn differences_of_a_field_agree_with_the_closed_form() {
     let full = Lattice::full(&grid());
     let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
     let nose = taper(&source, &target).nose;
-    for stage in both_models(source, target) {
+    for stage in all_maps(source, target) {
         let chain = Chain::from(stage);
         let closed = WarpAudit::new(&chain, &full, &nose);
         let exact = Field::evaluated(full, &chain, Evaluation::Exact);
@@ -446,12 +528,35 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
+    fn the_short_form_of_a_point_is_the_general_sum(
+        (source, target) in operation(),
+        at in (-20.0..120.0, -20.0..110.0, -20.0..70.0),
+    ) {
+        let at = DVec3::new(at.0, at.1, at.2);
+        let spacing = grid().spacing();
+        let [local, lee2001] = both_of_a_point(source, target);
+        for (stage, unit) in [(local, DVec3::ONE), (lee2001, spacing)] {
+            let edges = Cage::new(&landmarks(), 11.0).edges();
+            let sum = LineSum::new(&[], Frame::Literal)
+                .unwrap()
+                .with_point(source.tip.0 / unit, target.tip.0 / unit)
+                .with_fixed_lines(edges.map(|(a, b)| (a / unit, b / unit)));
+            let point = GridPoint(at * spacing);
+            let strength = stage.taper().map_or(1.0, |taper| taper.at(point));
+            let expected = sum.displacement(point.0 / unit) * strength * unit;
+            let found = (source_of(&stage.into(), at) - at) * spacing;
+            let allowed = 1e-10 * (1.0 + expected.length());
+            prop_assert!((found - expected).length() < allowed, "{found} is not {expected}");
+        }
+    }
+
+    #[test]
     fn the_short_form_is_the_general_sum(
         (source, target) in operation(),
         at in (-20.0..120.0, -20.0..110.0, -20.0..70.0),
     ) {
         let at = DVec3::new(at.0, at.1, at.2);
-        for stage in both_models(source, target) {
+        for stage in all_maps(source, target) {
             let unit = stage.to_units(at);
             let strength = stage.taper().map_or(1.0, |taper| taper.at(GridPoint(unit)));
             let scale = stage.to_units(DVec3::ONE) - stage.to_units(DVec3::ZERO);
@@ -483,7 +588,7 @@ proptest! {
             source.root.0 + DVec3::from_array(root),
             source.tip.0 + DVec3::from_array(tip),
         );
-        for stage in both_models(source, target) {
+        for stage in all_maps(source, target) {
             let chain = Chain::from(stage);
             let exact = Field::evaluated(full, &chain, Evaluation::Exact);
             let adaptive = Field::evaluated(full, &chain, adaptive_mm(mm));
@@ -499,7 +604,7 @@ proptest! {
     #[test]
     fn adaptive_is_within_the_tolerance_for_any_lines((source, target) in operation()) {
         let full = Lattice::full(&grid());
-        for stage in both_models(source, target) {
+        for stage in all_maps(source, target) {
             let chain = Chain::from(stage);
             let exact = Field::evaluated(full, &chain, Evaluation::Exact);
             let metric = DVec3::ONE;

@@ -164,6 +164,26 @@ impl Faults {
         None
     }
 
+    /// An integer for which `valid` holds. A number with a decimal point is not one.
+    pub fn integer_where(
+        &mut self,
+        value: &Value<'_>,
+        what: &str,
+        expected: &str,
+        valid: impl FnOnce(i64) -> bool,
+    ) -> Option<i64> {
+        let DeValue::Integer(integer) = value.get_ref() else {
+            self.wrong_type(value, what, expected, None);
+            return None;
+        };
+        let integer = small_integer(integer.as_str(), integer.radix());
+        let integer = integer.filter(|&integer| valid(integer));
+        if integer.is_none() {
+            self.bad_value(value, what, "is out of range", expected);
+        }
+        integer
+    }
+
     pub fn string<'a>(
         &mut self,
         value: &'a Value<'_>,
@@ -193,8 +213,19 @@ impl Faults {
         words: &[(&str, T)],
     ) -> Option<T> {
         let names: Vec<&str> = words.iter().map(|(name, _)| *name).collect();
-        let expected = one_of(&names, '"');
-        let written = self.string(value, what, &expected)?;
+        self.word_or(value, what, words, &one_of(&names, '"'))
+    }
+
+    /// One of a few words, where something else than a word is `expected` as well.
+    pub fn word_or<T: Copy>(
+        &mut self,
+        value: &Value<'_>,
+        what: &str,
+        words: &[(&str, T)],
+        expected: &str,
+    ) -> Option<T> {
+        let names: Vec<&str> = words.iter().map(|(name, _)| *name).collect();
+        let written = self.string(value, what, expected)?;
         let found = words.iter().find(|(name, _)| *name == written);
         if let Some((_, word)) = found {
             return Some(*word);
@@ -407,8 +438,13 @@ fn home(key: &str) -> Option<&'static str> {
         }
         "depth" => "[cage]",
         "root" => "[f1]",
-        "skin_hu" | "bone_hu" => "[segment]",
+        "kind" => "[f1], or a [[candidate.stage]]",
+        "median" | "smooth" => "[enhance]",
+        "skin_hu" | "bone_hu" | "keep_largest" => "[segment]",
         "model" | "scale" | "method" | "tolerance" | "margin" | "compare_exact" => "[morph]",
+        "names" | "size" | "objects" | "opacity" | "crop" | "clip" => "[views]",
+        "camera" => "[views], as [[views.camera]]",
+        "azimuth" | "elevation" => "[[views.camera]]",
         "write" => "[outputs]",
         "stage" => "[[candidate]], as [[candidate.stage]]",
         "f1" => "[[candidate.stage]]",

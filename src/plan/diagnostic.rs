@@ -20,7 +20,7 @@ pub enum Code {
     UnknownKey,
     /// A key that must be given is not.
     MissingKey,
-    /// Keys that exclude each other, or a key of another model or method.
+    /// Keys that exclude each other, a key of another model, method or kind, or one of what is not drawn.
     Conflict,
     /// A value of the wrong type or shape.
     WrongType,

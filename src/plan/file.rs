@@ -120,7 +120,7 @@ impl PlanFile {
         let mut faults = Faults::default();
         let raw = decode(source.text(), &mut faults);
         if let Some(raw) = &raw {
-            resolve::widths(raw, &mut faults);
+            resolve::misfits(raw, &mut faults);
         }
         Self {
             source,

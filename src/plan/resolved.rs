@@ -1,11 +1,18 @@
 //! The plan as it runs.
 
+mod views;
+
 use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::feature::{Edit, FeatureLine, Landmarks};
+use crate::feature::{Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::space::GridPoint;
+
+pub use views::{
+    Camera, Clip, Crop, CutPlane, DEFAULT_VIEW_SIZE, DrawnObject, Object, STANDARD_VIEWS, Side,
+    StandardView, Views,
+};
 
 /// Skin threshold where a plan gives none: half-way between air and soft tissue (method section 6).
 pub const DEFAULT_SKIN_HU: f64 = -500.0;
@@ -34,6 +41,8 @@ pub struct Plan {
     pub cage_depth_mm: f64,
     /// The preoperative feature line f1.
     pub f1: FeatureLine,
+    /// What is done to the volume that surfaces are found in, never to the one written or measured.
+    pub enhance: Enhance,
     /// Thresholds.
     pub segment: Segment,
     /// How volumes are morphed.
@@ -42,6 +51,8 @@ pub struct Plan {
     pub candidates: Vec<Candidate>,
     /// What is written beside the tables.
     pub outputs: Outputs,
+    /// What pictures show: given where, and only where, `outputs.views` is.
+    pub views: Option<Views>,
 }
 
 /// Where the voxels come from.
@@ -75,12 +86,38 @@ impl Phantom {
     }
 }
 
-/// Thresholds, HU.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[allow(missing_docs, reason = "named after what they separate")]
+/// How a volume is made smoother before surfaces are found in it, the median first.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Enhance {
+    /// Side of the median filter's window, voxels; none where there is no such filter.
+    pub median: Option<usize>,
+    /// Sigma of the Gaussian filter, mm; none where there is no such filter.
+    pub smooth_mm: Option<f64>,
+}
+
+/// What is tissue and what is bone.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
-    pub skin_hu: f64,
+    /// Tissue begins here.
+    pub skin_hu: SkinThreshold,
+    /// Bone begins here, HU. Above `skin_hu` where that is a number.
     pub bone_hu: f64,
+    /// Whether only the largest connected piece of an object is drawn.
+    pub keep_largest: bool,
+}
+
+/// Where tissue begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SkinThreshold {
+    /// At this value, HU.
+    Hu(f64),
+    /// Where Otsu's method separates the CT's values.
+    Otsu,
+}
+
+impl SkinThreshold {
+    /// The word that plans use for [`SkinThreshold::Otsu`].
+    pub const OTSU: &'static str = "otsu";
 }
 
 /// How volumes are morphed.
@@ -187,13 +224,15 @@ pub struct Candidate {
 pub struct Stage {
     /// `[a-z0-9][a-z0-9-]*`, unique in its candidate.
     pub name: String,
-    /// At least one, in the order in which they apply.
+    /// What of f1 is the feature.
+    pub kind: FeatureKind,
+    /// At least one, in the order in which they apply. Those of a point move the tip alone.
     pub edits: Vec<Edit>,
     /// f1' of the paper: the target of the stage before, or the preoperative line.
     pub source: FeatureLine,
     /// f1 of the paper: the source after the edits.
     pub target: FeatureLine,
-    /// Product of the width factors; 1 where there is none.
+    /// Product of the width factors; 1 where there is none, and for a point.
     pub width: f64,
 }
 
@@ -204,4 +243,10 @@ pub struct Outputs {
     pub volume: bool,
     /// `displacement.nii.gz` for each stage.
     pub displacement: bool,
+    /// Pictures of the surfaces, for the nose as it is and for each stage.
+    pub views: bool,
+    /// Pictures of slices, likewise.
+    pub slices: bool,
+    /// Charts of the measurements.
+    pub charts: bool,
 }

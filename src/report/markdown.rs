@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use super::record::{CandidateRecord, RunRecord, StageRecord};
+use super::record::{CandidateRecord, RunRecord, StageRecord, ThresholdSource};
 use crate::measure::REGION_NAMES;
 
 /// The tables of a run, as Markdown.
@@ -15,6 +15,10 @@ pub fn tables(run: &RunRecord) -> String {
 
 fn write_tables(to: &mut String, run: &RunRecord) -> fmt::Result {
     let plan = &run.plan;
+    let found = match plan.segment.skin_hu_from {
+        ThresholdSource::Plan => "",
+        ThresholdSource::Otsu => " (Otsu)",
+    };
     writeln!(
         to,
         "# {}\n",
@@ -22,7 +26,7 @@ fn write_tables(to: &mut String, run: &RunRecord) -> fmt::Result {
     )?;
     writeln!(
         to,
-        "Plan `{}`, model `{}`, {} scale, {} evaluation; skin at {} HU. {} {}.",
+        "Plan `{}`, model `{}`, {} scale, {} evaluation; skin at {} HU{found}. {} {}.",
         plan.name,
         plan.morph.model.name(),
         plan.morph.scale.name(),

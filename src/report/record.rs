@@ -5,10 +5,10 @@
 
 use serde::Serialize;
 
-use crate::feature::{Cage, Edit, FeatureLine, Landmarks};
+use crate::feature::{Cage, Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::measure::{REGION_NAMES, REGIONS};
 use crate::morph::audit::{FieldDifference, WarpAudit};
-use crate::plan::{Morph, Outputs, Plan, Segment};
+use crate::plan::{Enhance, Morph, Outputs, Plan, Segment, SkinThreshold, Views};
 use crate::space::{ContinuousIndex, Grid, GridPoint, GridVector};
 use crate::volume::SampleType;
 
@@ -93,14 +93,53 @@ pub struct PlanRecord {
     pub cage_mm: Cage,
     pub cage_depth_mm: f64,
     pub f1_mm: FeatureLine,
-    pub segment: Segment,
+    pub enhance: Enhance,
+    pub segment: SegmentRecord,
     pub morph: Morph,
     pub outputs: Outputs,
+    pub views: Option<Views>,
+}
+
+/// What was tissue and what was bone.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SegmentRecord {
+    /// Tissue began here, HU.
+    pub skin_hu: f64,
+    /// Where that is from.
+    pub skin_hu_from: ThresholdSource,
+    /// Bone began here, HU.
+    pub bone_hu: f64,
+    /// Whether only the largest connected piece of an object was drawn.
+    pub keep_largest: bool,
+}
+
+/// Where a threshold is from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ThresholdSource {
+    /// The plan gives it.
+    Plan,
+    /// Otsu's method found it in the CT.
+    Otsu,
+}
+
+impl SegmentRecord {
+    fn new(segment: &Segment, skin_hu: f64) -> Self {
+        Self {
+            skin_hu,
+            skin_hu_from: match segment.skin_hu {
+                SkinThreshold::Hu(_) => ThresholdSource::Plan,
+                SkinThreshold::Otsu => ThresholdSource::Otsu,
+            },
+            bone_hu: segment.bone_hu,
+            keep_largest: segment.keep_largest,
+        }
+    }
 }
 
 impl PlanRecord {
-    /// What `plan` says, on the grid it was resolved for.
-    pub fn new(plan: &Plan, grid: &Grid) -> Self {
+    /// What `plan` says, on the grid it was resolved for, with the skin threshold that the run used.
+    pub fn new(plan: &Plan, skin_hu: f64, grid: &Grid) -> Self {
         Self {
             name: plan.name.clone(),
             title: plan.title.clone(),
@@ -109,9 +148,11 @@ impl PlanRecord {
             cage_mm: Cage::new(&plan.landmarks, plan.cage_depth_mm),
             cage_depth_mm: plan.cage_depth_mm,
             f1_mm: plan.f1,
-            segment: plan.segment,
+            enhance: plan.enhance,
+            segment: SegmentRecord::new(&plan.segment, skin_hu),
             morph: plan.morph,
             outputs: plan.outputs,
+            views: plan.views.clone(),
         }
     }
 }
@@ -147,6 +188,8 @@ pub struct StageRecord {
 /// What a stage does.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OperationRecord {
+    /// What of f1 was the feature.
+    pub kind: FeatureKind,
     /// The edits, resolved to grid mm and degrees.
     pub edits: Vec<Edit>,
     /// f1 as the stage found it, grid mm.

@@ -14,4 +14,5 @@ mod outputs;
 mod process;
 mod real;
 mod same;
+mod skin;
 mod volumes;

@@ -5,8 +5,8 @@ use std::collections::HashSet;
 use super::super::decode::{Faults, Table, Value, describe};
 use super::super::diagnostic::{Code, Fault};
 use super::super::source::{Located, Span};
-use super::{POINT, name, title};
-use crate::feature::Edit;
+use super::{POINT, kind, name, title};
+use crate::feature::{Edit, FeatureKind};
 
 /// The most candidates, stages of a candidate and edits of a stage: more come from a broken generator.
 const MAX_CANDIDATES: usize = 1000;
@@ -29,6 +29,8 @@ pub(in super::super) struct RawCandidate {
 #[derive(Debug, Clone)]
 pub(in super::super) struct RawStage {
     pub name: Option<String>,
+    /// Where it is not the plan's.
+    pub kind: Option<FeatureKind>,
     /// None for an edit that could not be read: the line after it is not known.
     pub edits: Vec<Option<Located<RawEdit>>>,
 }
@@ -44,6 +46,18 @@ pub(in super::super) enum RawEdit {
     RootTo([f64; 3]),
     /// An edit that needs no frame.
     Word(Edit),
+}
+
+impl RawEdit {
+    /// The name of an edit that a line has and a point has not.
+    pub fn name_if_of_a_line(&self) -> Option<&'static str> {
+        match self {
+            Self::MoveRoot(_) => Some("move_root"),
+            Self::RootTo(_) => Some("root_to"),
+            Self::Word(Edit::Width(_)) => Some("width"),
+            _ => None,
+        }
+    }
 }
 
 /// A displacement in the unit in which it is written.
@@ -86,7 +100,7 @@ fn stages(candidate: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawStage> {
     tables(value, "[[candidate.stage]]", MAX_STAGES, faults)
         .iter()
         .filter_map(|item| {
-            let table = faults.table(item, "[[candidate.stage]]", &["name", "f1"])?;
+            let table = faults.table(item, "[[candidate.stage]]", &["name", "kind", "f1"])?;
             let mut name = name(&table, "`candidate.stage.name`", faults);
             if let Some(reserved) = name.take_if(|name| name.value == PREOPERATIVE) {
                 let message = format!(
@@ -98,6 +112,7 @@ fn stages(candidate: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawStage> {
             }
             Some(RawStage {
                 name: unique(name, "stage of this candidate", &mut names, faults),
+                kind: kind(&table, "`candidate.stage.kind`", faults),
                 edits: edits(&table, faults),
             })
         })
@@ -105,7 +120,7 @@ fn stages(candidate: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawStage> {
 }
 
 /// The tables of an array of tables, at most `most`.
-fn tables<'a, 'i>(
+pub(super) fn tables<'a, 'i>(
     value: &'a Value<'i>,
     header: &str,
     most: usize,
@@ -144,7 +159,7 @@ fn at_most<'a, 'i>(
 }
 
 /// A name that none of its siblings has.
-fn unique(
+pub(super) fn unique(
     name: Option<Located<String>>,
     what: &str,
     names: &mut HashSet<String>,

@@ -5,6 +5,7 @@
 
 mod candidates;
 mod settings;
+mod views;
 
 use std::path::PathBuf;
 
@@ -12,9 +13,9 @@ use toml::de::DeTable;
 
 use super::decode::{Faults, Table, Value, describe, quote, small_integer};
 use super::diagnostic::{Code, Fault};
-use super::resolved::{Morph, Outputs, Phantom, Segment};
+use super::resolved::{Enhance, Morph, Outputs, Phantom, Segment, Views};
 use super::source::{Located, Span};
-use crate::feature::{Landmark, Landmarks};
+use crate::feature::{FeatureKind, Landmark, Landmarks};
 
 pub(super) use candidates::{MAX_WIDTH, RawCandidate, RawEdit, RawStage, RawVector};
 pub(super) use settings::RawLength;
@@ -38,10 +39,13 @@ pub(super) struct RawPlan {
     pub landmarks: RawLandmarks,
     pub cage_depth: Option<RawLength>,
     pub f1_root: Option<Located<[f64; 3]>>,
+    pub f1_kind: FeatureKind,
+    pub enhance: Enhance,
     pub segment: Segment,
     pub morph: Morph,
     pub candidates: Vec<RawCandidate>,
     pub outputs: Outputs,
+    pub views: Option<Views>,
 }
 
 /// Where the voxels come from, paths as written.
@@ -103,10 +107,12 @@ impl RawPlan {
             "landmarks",
             "cage",
             "f1",
+            "enhance",
             "segment",
             "morph",
             "candidate",
             "outputs",
+            "views",
         ];
         // A missing key has no place; the first key of the file stands for the file.
         let first = document
@@ -128,6 +134,8 @@ impl RawPlan {
         let name = name(&table, "`name`", faults);
         let title = title(&table, "`title`", faults);
         let (ct, ct_place) = ct(&table, faults);
+        let (f1_root, f1_kind) = f1(&table, faults);
+        let outputs = settings::outputs(&table, faults);
         Some(Self {
             name,
             title,
@@ -135,10 +143,13 @@ impl RawPlan {
             ct_place,
             landmarks: landmarks(&table, faults),
             cage_depth: settings::cage_depth(&table, faults),
-            f1_root: f1_root(&table, faults),
+            f1_root,
+            f1_kind: f1_kind.unwrap_or_default(),
+            enhance: settings::enhance(&table, faults),
             segment: settings::segment(&table, faults),
             morph: settings::morph(&table, faults),
-            outputs: settings::outputs(&table, faults),
+            outputs: outputs.unwrap_or_default(),
+            views: views::views(&table, outputs, faults),
             candidates: candidates::candidates(&table, faults),
         })
     }
@@ -163,7 +174,7 @@ fn is_supported(version: &Value<'_>, faults: &mut Faults) -> bool {
     false
 }
 
-/// A name that becomes a folder: required.
+/// A name that becomes a file or folder: required.
 fn name(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<Located<String>> {
     let expected = format!(
         "at most {MAX_NAME} lower-case letters, digits and hyphens, not beginning with a hyphen"
@@ -182,7 +193,7 @@ fn name(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<Locate
         let fault = Fault::new(
             Code::BadValue,
             value.span().into(),
-            format!("{what} cannot name a folder"),
+            format!("{what} cannot name a file or folder"),
         );
         let hint = slug(written).map(|slug| format!("for example \"{slug}\""));
         faults.push(fault.found(describe(value)).expected(expected).hint(hint));
@@ -361,7 +372,22 @@ fn listed(names: &[&str]) -> String {
     }
 }
 
-fn f1_root(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Located<[f64; 3]>> {
-    let table = faults.table(plan.get("f1")?, "[f1]", &["root"])?;
-    faults.triple(table.get("root")?, "`f1.root`", POINT)
+/// Root and kind of the line, as far as the plan gives them.
+fn f1(
+    plan: &Table<'_, '_>,
+    faults: &mut Faults,
+) -> (Option<Located<[f64; 3]>>, Option<FeatureKind>) {
+    let table = plan.get("f1");
+    let Some(table) = table.and_then(|value| faults.table(value, "[f1]", &["root", "kind"])) else {
+        return (None, None);
+    };
+    let root = table.get("root");
+    let root = root.and_then(|value| faults.triple(value, "`f1.root`", POINT));
+    (root, kind(&table, "`f1.kind`", faults))
+}
+
+/// What of f1 is the feature, where the table says so.
+fn kind(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<FeatureKind> {
+    let words = [FeatureKind::Line, FeatureKind::Point].map(|kind| (kind.name(), kind));
+    faults.word(table.get("kind")?, what, &words)
 }

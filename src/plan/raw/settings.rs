@@ -1,10 +1,10 @@
-//! `[cage]`, `[segment]`, `[morph]` and `[outputs]`.
+//! `[cage]`, `[enhance]`, `[segment]`, `[morph]` and `[outputs]`.
 
 use super::super::decode::{Faults, Table, Value, describe, one_of};
 use super::super::diagnostic::{Code, Fault};
 use super::super::resolved::{
-    DEFAULT_BONE_HU, DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, Method, Model, Morph,
-    Outputs, Scale, Segment, Tolerance,
+    DEFAULT_BONE_HU, DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, Enhance, Method, Model,
+    Morph, Outputs, Scale, Segment, SkinThreshold, Tolerance,
 };
 
 /// A length in the unit in which it is written.
@@ -16,6 +16,10 @@ pub(in super::super) enum RawLength {
 
 /// The largest length, in either unit: heads are smaller.
 const MAX_LENGTH: f64 = 1000.0;
+/// The largest sigma of a Gaussian, mm: a nose is not much larger.
+const MAX_SIGMA_MM: f64 = 10.0;
+/// The only window of the median filter: 3×3×3 voxels.
+const MEDIAN: i64 = 3;
 /// The largest threshold on either side of 0, HU: what 16-bit files can hold.
 const MAX_HU: f64 = 32_768.0;
 
@@ -26,6 +30,24 @@ fn length(
     units: &[&'static str],
     faults: &mut Faults,
 ) -> Option<RawLength> {
+    let expected = format!("a number above 0, at most {MAX_LENGTH}");
+    let valid = |number: f64| number > 0.0 && number <= MAX_LENGTH;
+    let (unit, number) = measured(value, what, units, &expected, valid, faults)?;
+    Some(match unit {
+        "voxels" => RawLength::Voxels(number),
+        _ => RawLength::Mm(number),
+    })
+}
+
+/// A number with its unit, one of `units`.
+pub(super) fn measured(
+    value: &Value<'_>,
+    what: &'static str,
+    units: &[&'static str],
+    expected: &str,
+    valid: impl FnOnce(f64) -> bool,
+    faults: &mut Faults,
+) -> Option<(&'static str, f64)> {
     let forms: Vec<String> = units
         .iter()
         .map(|unit| format!("{{ {unit} = … }}"))
@@ -35,13 +57,8 @@ fn length(
     let bare = value.get_ref().is_float() || value.get_ref().is_integer();
     let hint = bare.then(|| format!("say the unit: {}", forms.replace('…', &number)));
     let (unit, number) = faults.choice(value, what, units, &forms, hint)?;
-    let expected = format!("a number above 0, at most {MAX_LENGTH}");
-    let valid = |number: f64| number > 0.0 && number <= MAX_LENGTH;
-    let number = faults.number_where(number, what, &expected, valid)?;
-    Some(match unit {
-        "voxels" => RawLength::Voxels(number),
-        _ => RawLength::Mm(number),
-    })
+    let number = faults.number_where(number, what, expected, valid)?;
+    Some((unit, number))
 }
 
 pub(super) fn cage_depth(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<RawLength> {
@@ -54,31 +71,59 @@ pub(super) fn cage_depth(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Ra
     )
 }
 
+pub(super) fn enhance(plan: &Table<'_, '_>, faults: &mut Faults) -> Enhance {
+    let mut enhance = Enhance::default();
+    let table = plan.get("enhance");
+    let known = ["median", "smooth"];
+    let Some(table) = table.and_then(|value| faults.table(value, "[enhance]", &known)) else {
+        return enhance;
+    };
+    if let Some(value) = table.get("median") {
+        let expected = "3, the side of the window in voxels";
+        let is_median = |side| side == MEDIAN;
+        let side = faults.integer_where(value, "`enhance.median`", expected, is_median);
+        enhance.median = side.and_then(|side| usize::try_from(side).ok());
+    }
+    if let Some(value) = table.get("smooth") {
+        let expected = format!("a sigma above 0, at most {MAX_SIGMA_MM} mm");
+        let valid = |sigma: f64| sigma > 0.0 && sigma <= MAX_SIGMA_MM;
+        let sigma = measured(value, "`enhance.smooth`", &["mm"], &expected, valid, faults);
+        enhance.smooth_mm = sigma.map(|(_, sigma)| sigma);
+    }
+    enhance
+}
+
 pub(super) fn segment(plan: &Table<'_, '_>, faults: &mut Faults) -> Segment {
     let defaults = Segment {
-        skin_hu: DEFAULT_SKIN_HU,
+        skin_hu: SkinThreshold::Hu(DEFAULT_SKIN_HU),
         bone_hu: DEFAULT_BONE_HU,
+        keep_largest: true,
     };
-    let Some(value) = plan.get("segment") else {
+    let known = ["skin_hu", "bone_hu", "keep_largest"];
+    let table = plan.get("segment");
+    let Some(table) = table.and_then(|value| faults.table(value, "[segment]", &known)) else {
         return defaults;
     };
-    let Some(table) = faults.table(value, "[segment]", &["skin_hu", "bone_hu"]) else {
-        return defaults;
+    let keep_largest = table.get("keep_largest");
+    let keep_largest =
+        keep_largest.and_then(|value| faults.boolean(value, "`segment.keep_largest`"));
+    let skin = match table.get("skin_hu") {
+        Some(value) => skin(value, faults),
+        None => Some(defaults.skin_hu),
     };
-    let mut threshold = |key: &str, default: f64| {
-        let Some(value) = table.get(key) else {
-            return Some(default);
-        };
-        let expected = format!("a number of HU from {} to {MAX_HU}", -MAX_HU);
-        let valid = |hu: f64| hu.abs() <= MAX_HU;
-        faults.number_where(value, &format!("`segment.{key}`"), &expected, valid)
+    let bone = match table.get("bone_hu") {
+        Some(value) => {
+            let expected = format!("a number of HU from {} to {MAX_HU}", -MAX_HU);
+            faults.number_where(value, "`segment.bone_hu`", &expected, is_hu)
+        }
+        None => Some(defaults.bone_hu),
     };
-    let skin = threshold("skin_hu", DEFAULT_SKIN_HU);
-    let bone = threshold("bone_hu", DEFAULT_BONE_HU);
     let (Some(skin_hu), Some(bone_hu)) = (skin, bone) else {
         return defaults;
     };
-    if bone_hu <= skin_hu {
+    if let SkinThreshold::Hu(skin_hu) = skin_hu
+        && bone_hu <= skin_hu
+    {
         let key = match table.get("bone_hu") {
             Some(_) => "bone_hu",
             None => "skin_hu",
@@ -92,7 +137,27 @@ pub(super) fn segment(plan: &Table<'_, '_>, faults: &mut Faults) -> Segment {
         let expected = "`bone_hu` above `skin_hu`";
         faults.push(fault.found(found).expected(expected));
     }
-    Segment { skin_hu, bone_hu }
+    Segment {
+        skin_hu,
+        bone_hu,
+        keep_largest: keep_largest.unwrap_or(defaults.keep_largest),
+    }
+}
+
+/// A number of HU, or the word for the method that finds one.
+fn skin(value: &Value<'_>, faults: &mut Faults) -> Option<SkinThreshold> {
+    let what = "`segment.skin_hu`";
+    let word = SkinThreshold::OTSU;
+    let expected = format!("a number of HU from {} to {MAX_HU}, or \"{word}\"", -MAX_HU);
+    if value.get_ref().is_str() {
+        return faults.word_or(value, what, &[(word, SkinThreshold::Otsu)], &expected);
+    }
+    let hu = faults.number_where(value, what, &expected, is_hu)?;
+    Some(SkinThreshold::Hu(hu))
+}
+
+fn is_hu(hu: f64) -> bool {
+    hu.abs() <= MAX_HU
 }
 
 /// The words of `morph.model`, before the margin is known.
@@ -216,51 +281,79 @@ fn method(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Method> {
 enum Output {
     Volume,
     Displacement,
+    Views,
+    Slices,
+    Charts,
 }
 
-const OUTPUTS: [(&str, Output); 2] = [
+const OUTPUTS: [(&str, Output); 5] = [
     ("volume", Output::Volume),
     ("displacement", Output::Displacement),
+    ("views", Output::Views),
+    ("slices", Output::Slices),
+    ("charts", Output::Charts),
 ];
 
 /// The outputs of the format that this version does not write.
-const NOT_AVAILABLE: [&str; 4] = ["mesh", "views", "slices", "charts"];
+const NOT_AVAILABLE: [&str; 1] = ["mesh"];
 
-pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Outputs {
+/// What is to be written; none where that is at fault.
+pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Outputs> {
     let mut outputs = Outputs::default();
-    let available = one_of(&OUTPUTS.map(|(word, _)| word), '"');
-    let table = plan.get("outputs");
-    let table = table.and_then(|value| faults.table(value, "[outputs]", &["write"]));
-    let Some(value) = table.and_then(|table| table.get("write")) else {
-        return outputs;
+    let Some(value) = plan.get("outputs") else {
+        return Some(outputs);
+    };
+    let table = faults.table(value, "[outputs]", &["write"])?;
+    let Some(value) = table.get("write") else {
+        return Some(outputs);
     };
     let what = "`outputs.write`";
+    let available = one_of(&OUTPUTS.map(|(word, _)| word), '"');
     let expected = format!("an array of {available}; without [outputs], only tables are written");
-    let Some(items) = faults.array(value, what, &expected) else {
-        return outputs;
-    };
-    for item in items {
+    let mut sound = true;
+    for item in faults.array(value, what, &expected)? {
         let written = item.get_ref().as_str();
         if let Some(word) = written.filter(|word| NOT_AVAILABLE.contains(word)) {
             let message =
                 format!("output \"{word}\" is not available in this version of rhinoplan");
             let fault = Fault::new(Code::NotAvailable, item.span().into(), message);
             faults.push(fault.found(describe(item)).expected(available.as_str()));
+            sound = false;
             continue;
         }
         let Some(output) = faults.word(item, what, &OUTPUTS) else {
+            sound = false;
             continue;
         };
         let asked = match output {
             Output::Volume => &mut outputs.volume,
             Output::Displacement => &mut outputs.displacement,
+            Output::Views => &mut outputs.views,
+            Output::Slices => &mut outputs.slices,
+            Output::Charts => &mut outputs.charts,
         };
-        if *asked {
-            let message = format!("{what} names {} twice", describe(item));
-            let fault = Fault::new(Code::DuplicateName, item.span().into(), message);
-            faults.push(fault.found(describe(item)).expected("each output once"));
-        }
+        sound &= note_twice(item, what, *asked, "output", faults);
         *asked = true;
     }
-    outputs
+    sound.then_some(outputs)
+}
+
+/// Notes an item of an array that is there already; whether it is the first of its kind.
+pub(super) fn note_twice(
+    item: &Value<'_>,
+    what: &str,
+    is_there: bool,
+    kind: &str,
+    faults: &mut Faults,
+) -> bool {
+    if is_there {
+        let message = format!("{what} names {} twice", describe(item));
+        let fault = Fault::new(Code::DuplicateName, item.span().into(), message);
+        faults.push(
+            fault
+                .found(describe(item))
+                .expected(format!("each {kind} once")),
+        );
+    }
+    !is_there
 }

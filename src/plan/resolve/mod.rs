@@ -14,7 +14,7 @@ use crate::feature::LineError;
 use crate::space::{ContinuousIndex, Grid, GridPoint, LpsPoint, RasPoint};
 
 pub(super) use landmarks::sides_of_voxels;
-pub(super) use stages::widths;
+pub(super) use stages::misfits;
 
 /// Where the CT is. `folder` is the plan file's.
 pub(super) fn ct(ct: &RawCt, folder: &Path) -> CtSource {
@@ -46,10 +46,12 @@ pub(super) fn plan(raw: &RawPlan, folder: &Path, grid: &Grid, faults: &mut Fault
                 None => DEFAULT_CAGE_DEPTH_MM,
             },
             f1: placed.f1?,
+            enhance: raw.enhance,
             segment: raw.segment,
             morph: raw.morph,
             candidates: candidates?,
             outputs: raw.outputs,
+            views: raw.views.clone(),
         })
     };
     let plan = resolved();

@@ -7,7 +7,7 @@ use super::super::resolved::{Candidate, Model, Stage};
 use super::super::source::{Located, Span};
 use super::landmarks::Placed;
 use super::{is_inside, show_index, show_line_error, show_range, to_grid};
-use crate::feature::{Edit, FeatureLine, apply_edits};
+use crate::feature::{Edit, FeatureKind, FeatureLine, apply_edits};
 use crate::space::{Grid, GridPoint, GridVector, LpsVector};
 
 /// What every stage is checked against.
@@ -34,34 +34,63 @@ pub(super) fn candidates(
     let candidates: Vec<Option<Candidate>> = raw
         .candidates
         .iter()
-        .map(|candidate| self::candidate(candidate, f1, &checks, faults))
+        .map(|candidate| self::candidate(candidate, raw, f1, &checks, faults))
         .collect();
     candidates.into_iter().collect()
 }
 
-/// Notes width edits where the model has no width.
-pub(in super::super) fn widths(raw: &RawPlan, faults: &mut Faults) {
-    if !matches!(raw.morph.model, Model::Lee2001) {
-        return;
-    }
+/// Notes edits that the stage's feature does not have, and widths where the model has none.
+pub(in super::super) fn misfits(raw: &RawPlan, faults: &mut Faults) {
+    let has_width = !matches!(raw.morph.model, Model::Lee2001);
     let stages = raw
         .candidates
         .iter()
         .flat_map(|candidate| &candidate.stages);
-    for edit in stages.flat_map(|stage| &stage.edits).flatten() {
-        if let RawEdit::Word(Edit::Width(_)) = edit.value {
-            let message =
-                "`width` belongs to model \"local\"; the frame of \"lee2001\" has no width";
-            let fault = Fault::new(Code::Conflict, edit.span, message);
-            let hint = "remove this edit, or write `model = \"local\"` in [morph]".to_owned();
-            let fault = fault.found("`width` with `model = \"lee2001\"`");
-            faults.push(fault.expected("no `width`").hint(hint));
+    for stage in stages {
+        let is_point = kind(stage, raw) == FeatureKind::Point;
+        for edit in stage.edits.iter().flatten() {
+            match edit.value.name_if_of_a_line() {
+                Some(name) if is_point => faults.push(misfit_of_point(name, edit.span)),
+                Some("width") if !has_width => faults.push(misfit_of_model(edit.span)),
+                _ => {}
+            }
         }
     }
 }
 
+fn misfit_of_point(name: &str, span: Span) -> Fault {
+    let has_no = if name == "width" { "width" } else { "root" };
+    let message = format!("`{name}` belongs to kind \"line\"; a point has no {has_no}");
+    let hint = format!(
+        "remove this edit, or write `kind = \"{}\"` in its stage",
+        FeatureKind::Line.name()
+    );
+    Fault::new(Code::Conflict, span, message)
+        .found(format!(
+            "`{name}` with `kind = \"{}\"`",
+            FeatureKind::Point.name()
+        ))
+        .expected("an edit that moves the tip")
+        .hint(hint)
+}
+
+fn misfit_of_model(span: Span) -> Fault {
+    let message = "`width` belongs to model \"local\"; the frame of \"lee2001\" has no width";
+    let hint = "remove this edit, or write `model = \"local\"` in [morph]".to_owned();
+    Fault::new(Code::Conflict, span, message)
+        .found("`width` with `model = \"lee2001\"`")
+        .expected("no `width`")
+        .hint(hint)
+}
+
+/// What of f1 is the feature of a stage.
+fn kind(stage: &RawStage, raw: &RawPlan) -> FeatureKind {
+    stage.kind.unwrap_or(raw.f1_kind)
+}
+
 fn candidate(
     raw: &RawCandidate,
+    plan: &RawPlan,
     f1: FeatureLine,
     checks: &Checks<'_>,
     faults: &mut Faults,
@@ -70,7 +99,8 @@ fn candidate(
     let mut stages = Vec::with_capacity(raw.stages.len());
     for stage in &raw.stages {
         // After a stage that fails, the line is not known: the stages behind it cannot be judged.
-        let stage = self::stage(stage, source, checks, faults)?;
+        let kind = kind(stage, plan);
+        let stage = self::stage(stage, kind, source, checks, faults)?;
         source = stage.target;
         stages.push(stage);
     }
@@ -83,6 +113,7 @@ fn candidate(
 
 fn stage(
     raw: &RawStage,
+    kind: FeatureKind,
     source: FeatureLine,
     checks: &Checks<'_>,
     faults: &mut Faults,
@@ -136,6 +167,7 @@ fn stage(
     }
     Some(Stage {
         name: raw.name.clone()?,
+        kind,
         edits,
         source,
         target,

@@ -4,13 +4,15 @@
 //! snapshots hold the messages.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests")]
 
+mod pictures;
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use rhinoplan::plan::{Code, Diagnostics, MAX_PLAN_BYTES, PlanFile, PlanReadError};
 use rhinoplan::space::Grid;
 
-const RIGHT: &str = include_str!("plans/example.toml");
+const RIGHT: &str = include_str!("../plans/example.toml");
 
 /// The grid of the paper's CT.
 fn grid() -> Grid {
@@ -37,7 +39,11 @@ enum Change {
 use Change::{Remove, Replace, Whole};
 
 fn changed(changes: &[Change]) -> String {
-    let mut text = RIGHT.to_owned();
+    changed_from(RIGHT, changes)
+}
+
+fn changed_from(right: &str, changes: &[Change]) -> String {
+    let mut text = right.to_owned();
     for change in changes {
         match change {
             Replace(from, to) => {
@@ -56,11 +62,19 @@ fn changed(changes: &[Change]) -> String {
     text
 }
 
+/// A change of a plan that is right: its title, the number of faults that it makes, and what it does.
+type Case<'a> = (&'a str, usize, &'a [Change]);
+
 /// Checks the cases of one part of the plan against one snapshot.
-fn check(part: &str, cases: &[(&str, usize, &[Change])]) {
+fn check(part: &str, cases: &[Case<'_>]) {
+    check_changes(part, RIGHT, cases);
+}
+
+/// As [`check`], of changes of another plan that is right.
+fn check_changes(part: &str, right: &str, cases: &[Case<'_>]) {
     let mut shown = String::new();
     for (title, number, changes) in cases {
-        let faults = faults_of(&changed(changes));
+        let faults = faults_of(&changed_from(right, changes));
         let rendered = faults.render(false);
         assert_eq!(faults.len(), *number, "{title}:\n{rendered}");
         assert!(
@@ -489,12 +503,9 @@ fn settings() {
                 ],
             ),
             (
-                "outputs that are not available yet",
-                4,
-                &[Replace(
-                    "\"displacement\"]",
-                    "\"mesh\", \"views\", \"slices\", \"charts\"]",
-                )],
+                "an output that is not available yet",
+                1,
+                &[Replace("\"displacement\"]", "\"mesh\"]")],
             ),
             (
                 "outputs unknown and twice",
@@ -608,6 +619,70 @@ fn candidates() {
     );
 }
 
+#[test]
+fn kinds() {
+    let first = "f1 = [{ move_tip = { voxels = [20, 0, 0] } }]";
+    check(
+        "kinds",
+        &[
+            (
+                "unknown kinds",
+                2,
+                &[
+                    Replace("root = [141.0", "kind = \"points\"\nroot = [141.0"),
+                    Replace("name = \"reduce\"", "name = \"reduce\"\n  kind = 1"),
+                ],
+            ),
+            (
+                "edits of a line in a plan of points",
+                3,
+                &[
+                    Replace("root = [141.0", "kind = \"point\"\nroot = [141.0"),
+                    Replace(
+                        first,
+                        "f1 = [{ deviate = 1 },\n{ move_root = { mm = [0, 1, 0] } },\n{ root_to = [141.0, 70.0, 83.0] }]",
+                    ),
+                ],
+            ),
+            (
+                "edits of a line in a stage of a point",
+                1,
+                &[Replace(
+                    "name = \"reduce\"",
+                    "name = \"reduce\"\n  kind = \"point\"",
+                )],
+            ),
+            (
+                "a width that neither the feature nor the model has",
+                2,
+                &[
+                    Replace("name = \"reduce\"", "name = \"reduce\"\n  kind = \"point\""),
+                    Replace("model = \"local\"", "model = \"lee2001\""),
+                ],
+            ),
+            (
+                "a tip at the root leaves nothing for a next stage",
+                1,
+                &[
+                    Replace(
+                        "name = \"straighten\"",
+                        "name = \"straighten\"\n  kind = \"point\"",
+                    ),
+                    Replace(first, "f1 = [{ tip_to = [141.0, 70.0, 84.0] }]"),
+                ],
+            ),
+            (
+                "a kind of a candidate",
+                1,
+                &[Replace(
+                    "title = \"Straight and",
+                    "kind = \"point\"\ntitle = \"Straight and",
+                )],
+            ),
+        ],
+    );
+}
+
 /// A plan of one candidate, stage and edit too many.
 fn crowd() -> String {
     let mut text = changed(&[
@@ -706,7 +781,7 @@ fn edits_that_leave_no_nose() {
 /// One plan with faults of every kind: all are reported, in the order of the file.
 #[test]
 fn kitchen_sink() {
-    let text = include_str!("plans/kitchen-sink.toml");
+    let text = include_str!("../plans/kitchen-sink.toml");
     let faults = faults_of(text);
     check(
         "kitchen_sink",
