@@ -3,6 +3,8 @@
 use thiserror::Error;
 
 use super::ct::CtError;
+use super::events::Place;
+use super::pictures::PicturesError;
 use super::skin::SkinError;
 use crate::feature::LineError;
 use crate::io::artifact::ArtifactError;
@@ -51,6 +53,15 @@ pub struct At {
     pub stage: String,
 }
 
+impl From<Place<'_>> for At {
+    fn from(place: Place<'_>) -> Self {
+        Self {
+            candidate: place.candidate.to_owned(),
+            stage: place.stage.to_owned(),
+        }
+    }
+}
+
 impl std::fmt::Display for At {
     fn fmt(&self, to: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(to, "candidate `{}`, stage `{}`", self.candidate, self.stage)
@@ -97,6 +108,9 @@ pub enum RunError {
     /// An output could not be put in place.
     #[error(transparent)]
     Artifact(#[from] ArtifactError),
+    /// A picture could not be made.
+    #[error(transparent)]
+    Pictures(#[from] PicturesError),
     /// A table could not be made.
     #[error("cannot write a table: {0}")]
     Table(#[from] csv::Error),
@@ -113,6 +127,9 @@ impl RunError {
                 ExitCode::Input
             }
             Self::Half(_) | Self::Volume(_) => ExitCode::Input,
+            Self::Pictures(PicturesError::Camera(_) | PicturesError::Picture(_)) => ExitCode::Bug,
+            Self::Pictures(PicturesError::Enhance(_)) => ExitCode::Usage,
+            Self::Pictures(_) => ExitCode::Input,
             Self::Line { .. } | Self::Artifact(_) => ExitCode::Usage,
             Self::Write(WriteError::Mismatch { .. }) | Self::Record(_) => ExitCode::Bug,
             Self::Write(_) | Self::Table(_) => ExitCode::Usage,

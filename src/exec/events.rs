@@ -24,6 +24,14 @@ pub enum Phase {
     WriteVolume,
     /// Writing `displacement.nii.gz`.
     WriteDisplacement,
+    /// Enhancement, segmentation and the semi-boundary (row 3).
+    Surface,
+    /// Rendering views, and writing them (row 4).
+    Views,
+    /// Drawing and writing slices.
+    Slices,
+    /// Profiles and bar charts.
+    Charts,
     /// Writing records and tables, and putting every file in place.
     Publish,
 }
@@ -41,6 +49,10 @@ impl Phase {
             Self::Measure => "measuring",
             Self::WriteVolume => "writing the volume",
             Self::WriteDisplacement => "writing the displacement field",
+            Self::Surface => "finding the surface",
+            Self::Views => "drawing views",
+            Self::Slices => "drawing slices",
+            Self::Charts => "drawing charts",
             Self::Publish => "writing tables",
         }
     }

@@ -7,6 +7,7 @@ pub mod ct;
 pub mod error;
 pub mod events;
 mod operation;
+pub mod pictures;
 pub mod preflight;
 pub mod run;
 pub mod skin;

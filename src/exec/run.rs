@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use serde::{Serialize, Serializer};
 
 use super::ct::{self, Ct};
-use super::error::{At, RunError};
+use super::error::RunError;
 use super::events::{Event, Observer, Phase, Place};
 use super::operation::Operation;
+use super::pictures::{Gallery, Profiles, write_charts, write_slices};
 use super::preflight::{Ready, output_folder};
 use super::skin::skin_hu;
 use super::timings::{Clock, Timings};
@@ -23,7 +24,7 @@ use crate::morph::field::Field;
 use crate::plan::{Candidate, Method, Model, Plan, Scale};
 use crate::report::record::{
     CandidateRecord, FORMAT, Inputs, Measures, OperationRecord, PREOPERATIVE, PlanRecord, Program,
-    RunRecord, StageRecord,
+    RunRecord, StageRecord, SurfaceChange,
 };
 use crate::report::{csv, markdown};
 use crate::space::{Grid, GridPoint};
@@ -76,6 +77,8 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         staging: &mut staging,
         clock: &mut clock,
         warnings: Vec::new(),
+        gallery: None,
+        profiles: Profiles::default(),
     };
     if let Some(warning) = ready.ct.warning() {
         session.warn(warning);
@@ -110,7 +113,16 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
 
 /// The phases that a plan takes, in order.
 pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
-    let mut phases = vec![(Phase::Read, None), (Phase::Measure, None)];
+    let outputs = plan.outputs;
+    let at_start = [
+        (Phase::Read, true),
+        (Phase::Measure, true),
+        (Phase::Surface, outputs.views),
+        (Phase::Views, outputs.views),
+    ];
+    let mut phases: Vec<(Phase, Option<Place<'_>>)> = Vec::new();
+    let wanted = at_start.into_iter().filter(|(_, wanted)| *wanted);
+    phases.extend(wanted.map(|(phase, _)| (phase, None)));
     for candidate in &plan.candidates {
         for stage in &candidate.stages {
             let place = Place {
@@ -125,12 +137,18 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
                 (Phase::Compare, compares(plan)),
                 (Phase::Audit, true),
                 (Phase::Measure, true),
-                (Phase::WriteVolume, plan.outputs.volume),
-                (Phase::WriteDisplacement, plan.outputs.displacement),
+                (Phase::WriteVolume, outputs.volume),
+                (Phase::WriteDisplacement, outputs.displacement),
+                (Phase::Surface, outputs.views),
+                (Phase::Views, outputs.views),
+                (Phase::Slices, outputs.slices),
             ];
             let wanted = of_stage.into_iter().filter(|(_, wanted)| *wanted);
             phases.extend(wanted.map(|(phase, _)| (phase, Some(place))));
         }
+    }
+    if outputs.charts {
+        phases.push((Phase::Charts, None));
     }
     phases.push((Phase::Publish, None));
     phases
@@ -157,6 +175,10 @@ struct Session<'a, 'b> {
     staging: &'a mut Staging,
     clock: &'a mut Clock<'b>,
     warnings: Vec<String>,
+    /// Set once the surface of the nose as it is was found, where views are asked for.
+    gallery: Option<Gallery<'a>>,
+    /// Filled where charts are asked for.
+    profiles: Profiles,
 }
 
 impl Session<'_, '_> {
@@ -183,11 +205,67 @@ impl Session<'_, '_> {
             warp: WarpAudit::IDENTITY,
             folded: false,
             adaptive_error: None,
+            surface_change: None,
         };
+        self.start_pictures(preoperative)?;
         let candidates = plan.candidates.iter();
-        candidates
+        let candidates: Vec<CandidateRecord> = candidates
             .map(|candidate| self.candidate(candidate, preoperative, start.clone()))
-            .collect()
+            .collect::<Result<_, _>>()?;
+        if plan.outputs.charts {
+            let (staging, profiles) = (&mut *self.staging, &self.profiles);
+            self.clock.time(Phase::Charts, None, || {
+                write_charts(staging, plan, preoperative.grid(), &candidates, profiles)
+            })?;
+        }
+        Ok(candidates)
+    }
+
+    /// What pictures of every stage need of the nose as it is.
+    fn start_pictures<T: Sample>(&mut self, preoperative: &Volume<T>) -> Result<(), RunError> {
+        let (plan, skin_hu) = (self.plan, self.skin_hu);
+        if plan.outputs.charts {
+            self.profiles = Profiles::preoperative(plan, skin_hu, preoperative)
+                .map_err(RunError::Preoperative)?;
+        }
+        if let Some(views) = &plan.views {
+            let find = || Gallery::new(plan, views, skin_hu, preoperative);
+            let mut gallery = self.clock.time(Phase::Surface, None, find)?;
+            let staging = &mut *self.staging;
+            let draw = || gallery.preoperative(staging);
+            self.clock.time(Phase::Views, None, draw)?;
+            self.gallery = Some(gallery);
+        }
+        Ok(())
+    }
+
+    /// The pictures of a stage.
+    fn pictures<T: Sample>(
+        &mut self,
+        preoperative: &Volume<T>,
+        volume: &Volume<T>,
+        folder: &Path,
+        tip: GridPoint,
+        at: Place<'_>,
+    ) -> Result<Option<SurfaceChange>, RunError> {
+        let (plan, skin_hu) = (self.plan, self.skin_hu);
+        let caption = format!("{}, {}", at.candidate, at.stage);
+        let mut change = None;
+        if let Some(gallery) = &self.gallery {
+            let find = || gallery.surfaces(volume);
+            let surfaces = self.clock.time(Phase::Surface, Some(at), find)?;
+            let staging = &mut *self.staging;
+            let draw = || gallery.stage(staging, folder, &caption, &surfaces);
+            change = self.clock.time(Phase::Views, Some(at), draw)?;
+        }
+        if plan.outputs.slices {
+            let staging = &mut *self.staging;
+            let volumes = [preoperative, volume];
+            self.clock.time(Phase::Slices, Some(at), || {
+                write_slices(staging, folder, plan, skin_hu, volumes, tip, &caption)
+            })?;
+        }
+        Ok(change)
     }
 
     fn candidate<T: Sample>(
@@ -254,13 +332,19 @@ impl Session<'_, '_> {
                 measure(plan, skin_hu, &volume, stage.source, stage.target)
             })
             .map_err(|source| RunError::Measure {
-                at: At {
-                    candidate: candidate.name.clone(),
-                    stage: stage.name.clone(),
-                },
+                at: at.into(),
                 source,
             })?;
-        self.write(&field, &volume, &stage_folder(candidate, place), at)?;
+        let folder = stage_folder(candidate, place);
+        self.write(&field, &volume, &folder, at)?;
+        let surface_change = self.pictures(preoperative, &volume, &folder, stage.target.tip, at)?;
+        if plan.outputs.charts {
+            let added = self.profiles.add(plan, skin_hu, &volume);
+            added.map_err(|source| RunError::Measure {
+                at: at.into(),
+                source,
+            })?;
+        }
         let record = StageRecord {
             name: stage.name.clone(),
             operation: Some(OperationRecord {
@@ -274,6 +358,7 @@ impl Session<'_, '_> {
             warp,
             folded,
             adaptive_error,
+            surface_change,
         };
         Ok((volume, record))
     }

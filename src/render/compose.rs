@@ -103,6 +103,15 @@ impl Frame<'_> {
         })
     }
 
+    /// Place in its semi-boundary of the voxel that an object, hidden or not, has at a pixel.
+    pub fn place_of(&self, object: usize, column: usize, row: usize) -> Option<usize> {
+        if column >= self.size || row >= self.size {
+            return None;
+        }
+        let place = self.layers.get(object)?.place[row * self.size + column];
+        (place != NOTHING).then_some(place as usize)
+    }
+
     /// How many pixels show something.
     pub fn covered(&self) -> usize {
         let covered = |pixel: &usize| {

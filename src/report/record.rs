@@ -183,6 +183,18 @@ pub struct StageRecord {
     pub folded: bool,
     /// How far the adaptive evaluation is from the exact one, where the plan asks for it.
     pub adaptive_error: Option<FieldDifference>,
+    /// How far the skin moved, where views are drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface_change: Option<SurfaceChange>,
+}
+
+/// How far the skin that the views of a stage show lies from that before the first stage.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SurfaceChange {
+    /// The furthest inward, mm; at most 0.
+    pub inward_max_mm: f64,
+    /// The furthest outward, mm; at least 0.
+    pub outward_max_mm: f64,
 }
 
 /// What a stage does.

@@ -21,7 +21,7 @@ pub const STANDARD_VIEWS: [StandardView; 6] = [
     standard("lateral-right", -90.0, 0.0),
     standard("oblique-left", 45.0, 0.0),
     standard("oblique-right", -45.0, 0.0),
-    standard("basal", 0.0, -90.0),
+    standard("basal", 0.0, -60.0),
 ];
 
 const fn standard(name: &'static str, azimuth_deg: f64, elevation_deg: f64) -> StandardView {

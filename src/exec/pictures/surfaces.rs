@@ -1,0 +1,69 @@
+//! From a volume to the surfaces that are drawn.
+
+use super::PicturesError;
+use super::framing::Framing;
+use crate::plan::{self, Plan};
+use crate::segment::{Enhance, enhance, segment};
+use crate::surface::{SemiBoundary, semi_boundary};
+use crate::volume::{Sample, Volume};
+
+/// The surfaces of one volume, in the order in which the plan names them.
+pub(super) struct Surfaces(pub Vec<(plan::DrawnObject, SemiBoundary)>);
+
+impl Surfaces {
+    /// Segments a volume, enhanced as the plan asks.
+    pub(super) fn new<T: Sample>(
+        plan: &Plan,
+        objects: &[plan::DrawnObject],
+        skin_hu: f64,
+        volume: &Volume<T>,
+        framing: &Framing,
+    ) -> Result<Self, PicturesError> {
+        let settings = Enhance {
+            median: plan.enhance.median,
+            smooth_mm: plan.enhance.smooth_mm,
+        };
+        if settings.is_none() {
+            Self::of(plan, objects, skin_hu, volume, framing)
+        } else {
+            Self::of(
+                plan,
+                objects,
+                skin_hu,
+                &enhance(volume, &settings)?,
+                framing,
+            )
+        }
+    }
+
+    fn of<T: Sample>(
+        plan: &Plan,
+        objects: &[plan::DrawnObject],
+        skin_hu: f64,
+        volume: &Volume<T>,
+        framing: &Framing,
+    ) -> Result<Self, PicturesError> {
+        let surface = |&drawn: &plan::DrawnObject| {
+            let (threshold_hu, largest) = match drawn.object {
+                plan::Object::Skin => (skin_hu, plan.segment.keep_largest),
+                // Bones are many: the jaw is not the skull.
+                plan::Object::Bone => (plan.segment.bone_hu, false),
+            };
+            let mask = segment(volume, threshold_hu, largest)?;
+            let surface = semi_boundary(volume, &mask, threshold_hu, framing.region)?;
+            Ok((drawn, surface))
+        };
+        objects
+            .iter()
+            .map(surface)
+            .collect::<Result<_, _>>()
+            .map(Self)
+    }
+
+    /// The skin, where it is drawn.
+    pub(super) fn skin(&self) -> Option<&SemiBoundary> {
+        let mut surfaces = self.0.iter();
+        let skin = surfaces.find(|(drawn, _)| drawn.object == plan::Object::Skin);
+        skin.map(|(_, surface)| surface)
+    }
+}
