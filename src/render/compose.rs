@@ -123,6 +123,10 @@ impl Frame<'_> {
     }
 }
 
+/// What is drawn later is this much nearer, so that of two objects that a cut lays open in one plane the
+/// later is seen, mm.
+const LATER_MM: f32 = 0.05;
+
 /// The layers at a pixel, the nearest on top, in linear light.
 fn composed(layers: &[Layer], column: usize, row: usize, background: [f32; 3]) -> [f32; 3] {
     let mut colour = background;
@@ -138,10 +142,18 @@ fn composed(layers: &[Layer], column: usize, row: usize, background: [f32; 3]) -
         return colour;
     }
     // From the furthest to the nearest; a handful at most.
-    let mut left: Vec<&Layer> = layers.iter().collect();
-    let pixel = |layer: &Layer| layer.depth[row * layer.size + column];
-    left.sort_by(|a, b| pixel(a).total_cmp(&pixel(b)));
-    for layer in left {
+    let mut order: Vec<(f32, &Layer)> = layers
+        .iter()
+        .enumerate()
+        .map(|(place, layer)| {
+            (
+                layer.depth[row * layer.size + column] + place as f32 * LATER_MM,
+                layer,
+            )
+        })
+        .collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (_, layer) in order {
         put(layer.smoothed(column, row));
     }
     colour

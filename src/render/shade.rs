@@ -8,8 +8,8 @@ pub const BACKGROUND: [u8; 3] = [28, 28, 34];
 pub const SKIN: [u8; 3] = [226, 184, 158];
 /// Colour of bone, sRGB.
 pub const BONE: [u8; 3] = [236, 226, 200];
-/// Colour of what a cut or the end of the scan lays open, sRGB.
-const CUT: [u8; 3] = [150, 118, 112];
+/// How much darker what a cut or the end of the scan lays open is than the surface.
+const CUT: f32 = 0.45;
 
 /// How an object is coloured.
 #[derive(Clone, Copy)]
@@ -52,7 +52,9 @@ pub(super) struct Shader {
 }
 
 /// Light from everywhere.
-const AMBIENT: f32 = 0.10;
+const AMBIENT: f32 = 0.08;
+/// Cosine beyond 90 degrees up to which a light reaches.
+const WRAP: f32 = 0.4;
 /// Share of light that is mirrored.
 const GLOSS: f32 = 0.10;
 
@@ -64,9 +66,9 @@ impl Shader {
         };
         // From above the viewer's left shoulder, weaker from the right, and a little from the viewer.
         let lights = [
-            light(-0.55, 0.65, 0.75, 0.62),
-            light(0.75, 0.10, 0.60, 0.20),
-            light(0.0, 0.0, 1.0, 0.22),
+            light(-0.55, 0.65, 0.75, 0.72),
+            light(0.75, 0.10, 0.60, 0.22),
+            light(0.0, 0.0, 1.0, 0.24),
         ];
         Self {
             opacity: opacity as f32,
@@ -79,12 +81,16 @@ impl Shader {
     /// Linear colour times opacity, and opacity.
     pub(super) fn shade(&self, paint: &Paint<'_>, normal: Vec3, value: f32, cut: bool) -> [f32; 4] {
         let colour = match paint {
-            _ if cut => CUT,
             Paint::Plain(colour) => *colour,
             Paint::Scalar { colour, .. } => colour(value),
         };
-        let lit = |light: &Light| light.strength * normal.dot(light.direction).max(0.0);
+        // A light reaches a little around the edge of its shadow, as in tissue, and fades out.
+        let lit = |light: &Light| {
+            let facing = (normal.dot(light.direction) + WRAP).max(0.0) / (1.0 + WRAP);
+            light.strength * facing * facing
+        };
         let diffuse = AMBIENT + self.lights.iter().map(lit).sum::<f32>();
+        let diffuse = if cut { CUT * diffuse } else { diffuse };
         let shine = if cut {
             0.0
         } else {

@@ -209,7 +209,8 @@ impl Eye {
     /// surface is known to be.
     fn core(&self, normal: Vec3, seen: Vec3, offset: f32, at: Vec3, place: u32) -> Splat {
         let mut splat = self.disc(Vec3::Z, 0.0, CORE_RADIUS, at, place);
-        splat.normal = if seen.z < 0.0 { -seen } else { seen };
+        // Of the side that is not known, the mirror image is taken.
+        splat.normal = Vec3::new(seen.x, seen.y, seen.z.abs());
         let right = -self.mm_per_pixel * self.right.dot(normal);
         let down = self.mm_per_pixel * self.up.dot(normal);
         // Where nothing is known of the surface, half a voxel or so.

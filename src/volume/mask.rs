@@ -94,6 +94,16 @@ impl Mask {
         x < nx && y < ny && z < nz && self.row(y, z)[x / WORD] >> (x % WORD) & 1 == 1
     }
 
+    /// Leaves only what `other` holds as well. Nothing is left where the grids differ.
+    pub fn intersect(&mut self, other: &Self) {
+        if self.dims != other.dims {
+            self.words.fill(0);
+            return;
+        }
+        let words = self.words.par_iter_mut().zip(&other.words);
+        words.for_each(|(word, other)| *word &= other);
+    }
+
     /// Number of voxels in the set.
     pub fn count(&self) -> usize {
         let bits = |word: &u64| word.count_ones() as usize;
@@ -110,6 +120,13 @@ impl Mask {
 mod tests {
     use super::*;
 
+    fn mask_below(mask: &Mask, end: usize) -> usize {
+        let [_, ny, nz] = mask.dims();
+        let rows = (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z)));
+        rows.map(|(y, z)| (0..end).filter(|&x| mask.contains(x, y, z)).count())
+            .sum()
+    }
+
     #[test]
     fn holds_what_it_was_made_from_and_nothing_beyond_the_grid() {
         let dims = [130, 5, 3];
@@ -125,6 +142,12 @@ mod tests {
             }
         }
         assert_eq!(mask.count(), count);
+        let mut both = mask.clone();
+        both.intersect(&Mask::from_fn(dims, |x, _, _| x >= 64).unwrap());
+        assert!(both.contains(129, 1, 0) == inside(129, 1, 0) && !both.contains(4, 0, 0));
+        assert_eq!(both.count() + mask_below(&mask, 64), count);
+        both.intersect(&Mask::empty([1, 1, 1]).unwrap());
+        assert!(both.is_empty());
         assert!(!mask.contains(130, 0, 0) && !mask.contains(0, 5, 0) && !mask.contains(0, 0, 3));
         assert!(!mask.is_empty() && Mask::empty(dims).unwrap().is_empty());
     }

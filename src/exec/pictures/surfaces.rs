@@ -43,14 +43,21 @@ impl Surfaces {
         volume: &Volume<T>,
         framing: &Framing,
     ) -> Result<Self, PicturesError> {
+        let keep_largest = plan.segment.keep_largest;
+        let skin = segment(volume, skin_hu, keep_largest)?;
         let surface = |&drawn: &plan::DrawnObject| {
-            let (threshold_hu, largest) = match drawn.object {
-                plan::Object::Skin => (skin_hu, plan.segment.keep_largest),
-                // Bones are many: the jaw is not the skull.
-                plan::Object::Bone => (plan.segment.bone_hu, false),
+            let surface = match drawn.object {
+                plan::Object::Skin => semi_boundary(volume, &skin, skin_hu, framing.region)?,
+                plan::Object::Bone => {
+                    // Bones are many, and the jaw is not the skull; but what is outside the skin is none.
+                    let bone_hu = plan.segment.bone_hu;
+                    let mut bone = segment(volume, bone_hu, false)?;
+                    if keep_largest {
+                        bone.intersect(&skin);
+                    }
+                    semi_boundary(volume, &bone, bone_hu, framing.region)?
+                }
             };
-            let mask = segment(volume, threshold_hu, largest)?;
-            let surface = semi_boundary(volume, &mask, threshold_hu, framing.region)?;
             Ok((drawn, surface))
         };
         objects
