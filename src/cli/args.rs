@@ -61,6 +61,17 @@ pub(super) enum Command {
         #[arg(value_name = "CT")]
         ct: PathBuf,
     },
+    /// Print the landmarks of a 3D Slicer markups file, as a plan writes them.
+    #[command(after_help = EXIT_CODES)]
+    Landmarks {
+        /// Markups of 3D Slicer (.mrk.json, .fcsv), the points labelled with the landmarks' names.
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+
+        /// The CT that the landmarks are on.
+        #[arg(long, value_name = "CT")]
+        ct: PathBuf,
+    },
     /// Write the built-in synthetic head `lee2001`.
     Phantom {
         /// The file to write (.nii or .nii.gz).
@@ -75,7 +86,7 @@ const MAX_THREADS: i64 = 1024;
 const EXIT_CODES: &str = "\
 Exit codes:
   0   done
-  2   the command line or a plan is wrong, or the outputs cannot be written
+  2   the command line, a plan or its landmarks are wrong, or the outputs cannot be written
   3   the CT cannot be used
   70  a bug of this program";
 

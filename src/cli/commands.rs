@@ -7,6 +7,7 @@ use serde_json::json;
 use super::output::Output;
 use super::progress::Progress;
 use crate::exec::ct::{self, CtHeader};
+use crate::exec::landmarks::LandmarksOnCt;
 use crate::exec::preflight::output_folder;
 use crate::exec::run::phases;
 use crate::exec::{self, ExitCode, Ready, Refusal, RunReport};
@@ -124,6 +125,23 @@ pub(super) fn info(path: &Path, output: &Output) -> ExitCode {
     }
     output.result(&describe(&header, &ct.record));
     output.set("ct", &ct.record);
+    ExitCode::Done
+}
+
+/// `landmarks`: the points of a markups file on the grid of a CT, ready to paste into a plan.
+pub(super) fn landmarks(file: &Path, ct: &Path, output: &Output) -> ExitCode {
+    let found = match LandmarksOnCt::read(file, ct) {
+        Ok(found) => found,
+        Err(error) => {
+            output.error(&error.to_string());
+            return error.exit_code();
+        }
+    };
+    if let Some(warning) = found.warning() {
+        output.warning(&warning);
+    }
+    output.result(found.plan_text().trim_end());
+    output.set("landmarks", &found);
     ExitCode::Done
 }
 

@@ -71,6 +71,7 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
         Command::Run { plans, out, .. } => commands::run(plans, out, output),
         Command::Check { plans } => commands::check(plans, output),
         Command::Info { ct } => commands::info(ct, output),
+        Command::Landmarks { file, ct } => commands::landmarks(file, ct, output),
         Command::Phantom { output: path } => commands::phantom(path, output),
     }
 }

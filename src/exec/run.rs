@@ -90,6 +90,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         program: Program::THIS,
         inputs: Inputs {
             plan_sha256: ready.sha256.clone(),
+            landmarks_sha256: ready.landmarks_sha256.clone(),
             ct: ct.record.clone(),
         },
         plan: PlanRecord::new(plan, skin_hu, ct.volume.grid()),

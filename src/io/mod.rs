@@ -1,8 +1,9 @@
-//! Files in and out: NIfTI-1, parallel gzip, and outputs that appear whole or not at all.
+//! Files in and out: NIfTI-1, 3D Slicer's landmarks, parallel gzip, and outputs that appear whole or not at all.
 
 pub mod artifact;
 pub mod digest;
 pub mod gzip;
+pub mod landmarks;
 pub mod nifti;
 pub mod staging;
 

@@ -38,6 +38,8 @@ pub enum Code {
     WrongSide,
     /// An edit that leaves no usable nose.
     BadEdit,
+    /// The file of landmarks that the plan names cannot be used.
+    LandmarkFile,
     /// The CT that the plan names cannot be used.
     Ct,
 }
@@ -59,6 +61,7 @@ impl Code {
             Self::OutsideVolume => "outside-volume",
             Self::WrongSide => "wrong-side",
             Self::BadEdit => "bad-edit",
+            Self::LandmarkFile => "landmark-file",
             Self::Ct => "ct",
         }
     }

@@ -10,11 +10,13 @@ use toml::de::DeTable;
 use super::decode::{Faults, quote};
 use super::diagnostic::{Code, Diagnostic, Diagnostics, Fault};
 use super::duplicates;
-use super::raw::RawPlan;
+use super::raw::{Frame, RawPlan};
 use super::resolve;
 use super::resolved::{CtSource, Plan};
-use super::source::{Source, Span};
+use super::source::{Located, Source, Span};
+use crate::feature::Landmark;
 use crate::io::digest::sha256_hex;
+use crate::io::landmarks::{self, CoordinateSystem};
 use crate::space::Grid;
 
 /// The largest plan file, bytes. A thousand candidates are a tenth of it.
@@ -29,6 +31,8 @@ pub struct PlanFile {
     source: Source,
     folder: PathBuf,
     sha256: String,
+    /// Of the file that gives the landmarks, where there is one.
+    landmarks_sha256: Option<String>,
     /// None where the text is not TOML, or of another version of the format.
     raw: Option<RawPlan>,
     /// The faults that can be told without the CT.
@@ -112,20 +116,23 @@ impl PlanFile {
         Ok(Self::from_text(path.display().to_string(), folder, text))
     }
 
-    /// Decodes the text of a plan. `shown_name` names it in messages; paths in it are relative to
-    /// `folder`.
+    /// Decodes the text of a plan, and reads the file of landmarks that it may name. `shown_name` names it
+    /// in messages; paths in it are relative to `folder`.
     pub fn from_text(shown_name: impl Into<String>, folder: &Path, text: &str) -> Self {
         let sha256 = sha256_hex(text.as_bytes());
         let source = Source::new(shown_name.into(), text);
         let mut faults = Faults::default();
-        let raw = decode(source.text(), &mut faults);
-        if let Some(raw) = &raw {
+        let mut raw = decode(source.text(), &mut faults);
+        let mut landmarks_sha256 = None;
+        if let Some(raw) = &mut raw {
             resolve::misfits(raw, &mut faults);
+            landmarks_sha256 = read_landmarks(raw, folder, &mut faults);
         }
         Self {
             source,
             folder: folder.to_owned(),
             sha256,
+            landmarks_sha256,
             raw,
             faults,
         }
@@ -139,6 +146,12 @@ impl PlanFile {
     /// SHA-256 of the file's bytes, hexadecimal.
     pub fn sha256(&self) -> &str {
         &self.sha256
+    }
+
+    /// SHA-256 of the bytes of the file that gives the landmarks, hexadecimal; none where the plan itself
+    /// does.
+    pub fn landmarks_sha256(&self) -> Option<&str> {
+        self.landmarks_sha256.as_deref()
     }
 
     /// The name of the plan, where it gives a valid one.
@@ -210,6 +223,32 @@ fn decode(text: &str, faults: &mut Faults) -> Option<RawPlan> {
         faults.push(duplicates::fault(text, span, first));
     }
     RawPlan::decode(document, faults)
+}
+
+/// Puts the points of the landmark file, and their frame, where the plan's own would be: their place is
+/// that of the path. Returns the SHA-256 of the file.
+fn read_landmarks(raw: &mut RawPlan, folder: &Path, faults: &mut Faults) -> Option<String> {
+    let Located { value: path, span } = raw.landmarks.file.clone()?;
+    let file = match landmarks::read(&folder.join(&path)) {
+        Ok(file) => file,
+        Err(error) => {
+            let found = quote(&path.to_string_lossy(), '"');
+            let names = Landmark::ALL.map(|landmark| format!("`{landmark}`"));
+            let expected = format!(
+                "3D Slicer markups (.mrk.json or .fcsv) with points labelled {}",
+                names.join(", ")
+            );
+            let fault = Fault::new(Code::LandmarkFile, span, error.to_string());
+            faults.push(fault.found(found).expected(expected));
+            return None;
+        }
+    };
+    raw.landmarks.frame = Some(match file.system {
+        CoordinateSystem::Lps => Frame::Lps,
+        CoordinateSystem::Ras => Frame::Ras,
+    });
+    raw.landmarks.points = file.points.map(|value| Some(Located { value, span }));
+    Some(file.sha256)
 }
 
 /// The first syntax error. The parser guesses by its first letter what a word without quotes should have

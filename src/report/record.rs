@@ -55,6 +55,10 @@ impl Program {
 pub struct Inputs {
     /// SHA-256 of the plan file's bytes, hexadecimal.
     pub plan_sha256: String,
+    /// SHA-256 of the bytes of the file that gives the landmarks, hexadecimal; not there where the plan
+    /// itself does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub landmarks_sha256: Option<String>,
     /// The CT.
     pub ct: CtRecord,
 }

@@ -10,6 +10,7 @@ mod check;
 mod exits;
 mod failures;
 mod head;
+mod landmarks;
 mod outputs;
 mod process;
 mod real;

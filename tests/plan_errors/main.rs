@@ -323,6 +323,19 @@ fn landmarks() {
                 ],
             ),
             (
+                "a landmark file beside points",
+                2,
+                &[Replace("[cage]", "file = \"none/patient.fcsv\"\n[cage]")],
+            ),
+            (
+                "a landmark file without a name",
+                1,
+                &[
+                    Remove("frame = ", "[cage]"),
+                    Replace("[cage]", "file = \"\"\n[cage]"),
+                ],
+            ),
+            (
                 "points that are no points",
                 6,
                 &[
@@ -382,6 +395,68 @@ fn landmarks() {
             ),
         ],
     );
+}
+
+/// A plan whose landmarks are in a file of this content, and what is wrong with it.
+fn faults_with_file(name: &str, content: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join(name), content).unwrap();
+    let file = format!("file = \"{name}\"\n\n[cage]");
+    let mut text = changed(&[Remove("frame = ", "[cage]")]);
+    text = text.replace("[cage]", &file);
+    let plan = PlanFile::from_text("plan.toml", folder.path(), &text);
+    let faults = match plan.resolve(&grid()) {
+        Ok(_) => panic!("nothing is wrong with\n{content}"),
+        Err(faults) => faults,
+    };
+    let folder = folder.path().display().to_string();
+    faults.render(false).replace(&folder, "FOLDER")
+}
+
+/// Faults of a file of landmarks, at the line of the plan that names it.
+#[test]
+fn landmark_files() {
+    let point =
+        |label: &str, at: [f64; 3]| format!("{{\"label\": \"{label}\", \"position\": {at:?}}}");
+    let json = |system: &str, points: &[String]| {
+        format!(
+            "{{\"markups\": [{{\"coordinateSystem\": \"{system}\", \"controlPoints\": [\n{}]}}]}}",
+            points.join(",\n")
+        )
+    };
+    // The example's landmarks in LPS mm on the grid of these tests.
+    let mm = |[x, y, z]: [f64; 3]| [x * 0.442, y * 0.442, z];
+    let points = [
+        point("nasal_bones", mm([141.1, 71.6, 78.9])),
+        point("lip", mm([141.1, 67.6, 53.1])),
+        point("alare_right", mm([96.0, 60.0, 60.0])),
+        point("alare_left", mm([186.0, 60.0, 60.0])),
+        point("tip", mm([129.0, 33.0, 61.0])),
+        point("maxilla", mm([141.0, 83.6, 60.0])),
+    ];
+    let mut misnamed = points.clone();
+    misnamed[4] = point("Nose-Tip", [1.0, 2.0, 3.0]);
+    misnamed[1] = point("maxila", [1.0, 2.0, 3.0]);
+    let shown = [
+        (
+            "not JSON",
+            faults_with_file("a.mrk.json", "{\n \"markups\": [,\n"),
+        ),
+        (
+            "labels",
+            faults_with_file("a.mrk.json", &json("LPS", &misnamed)),
+        ),
+        (
+            "the other frame",
+            faults_with_file("a.mrk.json", &json("RAS", &points)),
+        ),
+        ("a table", faults_with_file("a.fcsv", "# columns = x\n")),
+    ];
+    let shown: Vec<String> = shown
+        .iter()
+        .map(|(title, faults)| format!("===== {title}\n\n{faults}"))
+        .collect();
+    insta::assert_snapshot!("landmark_files", shown.join("\n").trim_end());
 }
 
 /// The landmarks of the plan that is right in LPS mm on the grid of these tests, in a plan that calls

@@ -89,6 +89,8 @@ impl Frame {
 /// The landmarks in the frame in which they are written.
 #[derive(Debug, Clone)]
 pub(super) struct RawLandmarks {
+    /// The file that gives frame and points, its path as written.
+    pub file: Option<Located<PathBuf>>,
     pub frame: Option<Frame>,
     pub points: Landmarks<Option<Located<[f64; 3]>>>,
 }
@@ -262,7 +264,9 @@ fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
             (None, phantom.span().into())
         }
         (Some(path), None) => {
-            let path_given = path_of(path, faults).map(|path| RawCt::File { path, sha256 });
+            let expected = "the path of a volume file, relative to the plan file";
+            let path_given = path_of(path, "`ct.path`", expected, faults)
+                .map(|path| RawCt::File { path, sha256 });
             (path_given, path.span().into())
         }
         (None, Some(phantom)) => {
@@ -281,11 +285,10 @@ fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
     }
 }
 
-fn path_of(value: &Value<'_>, faults: &mut Faults) -> Option<PathBuf> {
-    let expected = "the path of a volume file, relative to the plan file";
-    let path = faults.string(value, "`ct.path`", expected)?;
+fn path_of(value: &Value<'_>, what: &str, expected: &str, faults: &mut Faults) -> Option<PathBuf> {
+    let path = faults.string(value, what, expected)?;
     if path.is_empty() || path.contains('\0') {
-        faults.bad_value(value, "`ct.path`", "is not a path", expected);
+        faults.bad_value(value, what, "is not a path", expected);
         return None;
     }
     Some(PathBuf::from(path))
@@ -307,6 +310,7 @@ fn sha256(value: &Value<'_>, faults: &mut Faults) -> Option<String> {
 
 fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
     let none = || RawLandmarks {
+        file: None,
         frame: None,
         points: Landmarks {
             nasal_bones: None,
@@ -319,7 +323,10 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
     };
     let names = Landmark::ALL.map(Landmark::name);
     let Some(value) = plan.get("landmarks") else {
-        let expected = format!("[landmarks] with `frame` and {}", listed(&names));
+        let expected = format!(
+            "[landmarks] with `frame` and {}, or with `file`",
+            listed(&names)
+        );
         faults.missing(plan, "landmarks", &expected);
         return none();
     };
@@ -327,21 +334,17 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
     let Some(table) = faults.table(value, "[landmarks]", &known) else {
         return none();
     };
-    if table.get("file").is_some() {
-        let message = "`landmarks.file` is not available in this version of rhinoplan";
-        let fault = Fault::new(Code::NotAvailable, table.key_place("file"), message);
-        let fault = fault.found("`file`");
-        let expected = format!("`frame` and {}", listed(&names));
-        let hint = "copy the points from the file, and its coordinateSystem as `frame`".to_owned();
-        faults.push(fault.expected(expected).hint(hint));
+    if let Some(value) = table.get("file") {
+        return RawLandmarks {
+            file: landmark_file(value, &table, faults),
+            ..none()
+        };
     }
     let frame = match table.get("frame") {
         Some(frame) => faults.word(frame, "`landmarks.frame`", &Frame::WORDS),
         None => {
-            if table.get("file").is_none() {
-                let expected = "\"voxel\" (LPS order, from 0), \"lps\" or \"ras\" (mm)";
-                faults.missing(&table, "frame", expected);
-            }
+            let expected = "\"voxel\" (LPS order, from 0), \"lps\" or \"ras\" (mm)";
+            faults.missing(&table, "frame", expected);
             None
         }
     };
@@ -354,12 +357,42 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
     }
     let absent = |name: &&str| table.get(name).is_none();
     let missing: Vec<&str> = names.into_iter().filter(absent).collect();
-    if !missing.is_empty() && table.get("file").is_none() {
+    if !missing.is_empty() {
         let message = format!("[landmarks] does not give {}", listed(&missing));
         let fault = Fault::new(Code::MissingKey, table.span, message);
         faults.push(fault.expected(format!("for each, {POINT}")));
     }
-    RawLandmarks { frame, points }
+    RawLandmarks {
+        file: None,
+        frame,
+        points,
+    }
+}
+
+/// The file that gives the landmarks. Whatever else says where they are is a fault.
+fn landmark_file(
+    value: &Value<'_>,
+    table: &Table<'_, '_>,
+    faults: &mut Faults,
+) -> Option<Located<PathBuf>> {
+    let others: Vec<&str> = ["frame"]
+        .into_iter()
+        .chain(Landmark::ALL.map(Landmark::name))
+        .filter(|key| table.get(key).is_some())
+        .collect();
+    if let Some(first) = others.first() {
+        let message = "`landmarks.file` stands in place of the frame and the points";
+        let fault = Fault::new(Code::Conflict, table.key_place(first), message);
+        let hint = "remove `file`, or all of the others".to_owned();
+        let fault = fault.found(format!("{} beside `file`", listed(&others)));
+        faults.push(fault.expected("one or the other").hint(hint));
+    }
+    let expected = "the path of a 3D Slicer markups file, relative to the plan file";
+    let path = path_of(value, "`landmarks.file`", expected, faults)?;
+    Some(Located {
+        value: path,
+        span: value.span().into(),
+    })
 }
 
 /// "`a`, `b` and `c`".

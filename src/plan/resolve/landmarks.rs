@@ -29,7 +29,8 @@ pub(super) fn place(raw: &RawPlan, grid: &Grid, faults: &mut Faults) -> Placed {
     };
     let before = faults.list.len();
     let indices = in_voxels(&raw.landmarks, |point| to_index(point, frame, grid));
-    let hint = better_frame(raw, frame, grid).map(frame_hint);
+    let is_file = raw.landmarks.file.is_some();
+    let hint = better_frame(raw, frame, grid).and_then(|frame| frame_hint(frame, is_file));
     for landmark in Landmark::ALL {
         if let Some(index) = indices.get(landmark) {
             let what = format!("landmark `{landmark}`");
@@ -196,9 +197,17 @@ fn better_frame(raw: &RawPlan, frame: Frame, grid: &Grid) -> Option<Frame> {
         .find(|&other| other != frame && fits(other))
 }
 
-fn frame_hint(frame: Frame) -> String {
-    format!(
-        "with `frame = \"{}\"` every landmark would be in the volume and on its side",
-        frame.name()
-    )
+/// None where a file cannot be in that frame.
+fn frame_hint(frame: Frame, is_file: bool) -> Option<String> {
+    let given = match frame {
+        Frame::Voxel if is_file => return None,
+        _ if is_file => format!(
+            "if the file's numbers were in {}",
+            frame.name().to_uppercase()
+        ),
+        _ => format!("with `frame = \"{}\"`", frame.name()),
+    };
+    Some(format!(
+        "{given} every landmark would be in the volume and on its side"
+    ))
 }
