@@ -57,7 +57,7 @@ pub(super) enum Command {
     },
     /// Show grid, orientation, spacing and HU range of a volume.
     Info {
-        /// A NIfTI-1 volume (.nii, .nii.gz).
+        /// A NIfTI-1 (.nii, .nii.gz) or NRRD (.nrrd, .nhdr) volume.
         #[arg(value_name = "CT")]
         ct: PathBuf,
     },

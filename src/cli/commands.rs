@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::output::Output;
 use super::progress::Progress;
-use crate::exec::ct::{self, CtHeader};
+use crate::exec::ct::{self, CtHeader, CtKind};
 use crate::exec::landmarks::LandmarksOnCt;
 use crate::exec::preflight::output_folder;
 use crate::exec::run::phases;
@@ -220,12 +220,11 @@ fn describe(header: &CtHeader, record: &crate::report::record::CtRecord) -> Stri
     let grid = &record.grid;
     let ([nx, ny, nz], spacing, origin) = (grid.dims(), grid.spacing(), grid.origin().0);
     let [low, high] = record.hu_range;
-    let position = header
-        .template
-        .as_ref()
-        .map_or("none".to_owned(), |template| {
-            format!("{:?}", template.transform()).to_lowercase()
-        });
+    let position = match &header.kind {
+        CtKind::Nifti(template) => format!("{:?}", template.transform()).to_lowercase(),
+        CtKind::Nrrd { is_placed: true } => "space directions".to_owned(),
+        CtKind::Nrrd { is_placed: false } | CtKind::Phantom => "none".to_owned(),
+    };
     format!(
         "size         {nx} × {ny} × {nz} voxels (left, posterior, superior)\n\
          spacing      {} × {} × {} mm\n\

@@ -1,4 +1,4 @@
-//! The CT that a plan names: a file, or the built-in phantom.
+//! The CT that a plan names: a NIfTI-1 or NRRD file, or the built-in phantom.
 
 use std::path::Path;
 
@@ -6,6 +6,7 @@ use thiserror::Error;
 
 use crate::io::digest;
 use crate::io::nifti::{self, NiftiError, NiftiProblem, Template, Transform};
+use crate::io::nrrd::{self, NrrdError};
 use crate::phantom::Phantom as Head;
 use crate::plan::{CtSource, Phantom};
 use crate::report::record::CtRecord;
@@ -19,6 +20,9 @@ pub enum CtError {
     /// The file is not a volume that can be read.
     #[error(transparent)]
     Nifti(#[from] NiftiError),
+    /// As [`CtError::Nifti`], of an NRRD file.
+    #[error(transparent)]
+    Nrrd(#[from] NrrdError),
     /// The file is not the one that the plan was made for.
     #[error(
         "the CT is not the one that the plan is pinned to: its SHA-256 is {found}, the plan's `ct.sha256` {expected}; use the pinned file, or check the landmarks on this one and change the pin"
@@ -45,19 +49,39 @@ pub enum CtError {
 pub struct CtHeader {
     /// The exact grid.
     pub grid: Grid,
-    /// What the file says of itself; none for a phantom.
-    pub template: Option<Template>,
+    /// What it is read from.
+    pub kind: CtKind,
+}
+
+/// What a CT is read from.
+#[derive(Debug, Clone)]
+pub enum CtKind {
+    /// A NIfTI-1 file, and what it says of itself.
+    Nifti(Box<Template>),
+    /// An NRRD file.
+    Nrrd {
+        /// Whether it says where the volume is.
+        is_placed: bool,
+    },
+    /// The built-in head.
+    Phantom,
 }
 
 impl CtHeader {
     /// What the user should know of it.
     pub fn warning(&self) -> Option<String> {
-        let template = self.template.as_ref()?;
-        (template.transform() == Transform::None).then(|| {
-            "the CT's header gives no position (neither sform nor qform): left and right are taken as \
-             NIfTI's method 1 says, and may be swapped; check with a viewer"
-                .to_owned()
-        })
+        let warning = match &self.kind {
+            CtKind::Nifti(template) if template.transform() == Transform::None => {
+                "the CT's header gives no position (neither sform nor qform): left and right are taken as \
+                 NIfTI's method 1 says, and may be swapped; check with a viewer"
+            }
+            CtKind::Nrrd { is_placed: false } => {
+                "the CT's header gives no position (no `space`): its axes are taken for left, posterior and \
+                 superior, and may be others; check with a viewer"
+            }
+            _ => return None,
+        };
+        Some(warning.to_owned())
     }
 }
 
@@ -78,16 +102,25 @@ pub struct Ct {
 /// [`CtError`] for a CT that [`load`] would refuse for its header.
 pub fn header(source: &CtSource) -> Result<CtHeader, CtError> {
     match source {
+        CtSource::File { path, .. } if nrrd::is_nrrd(path) => {
+            let header = nrrd::read_header(path)?;
+            Ok(CtHeader {
+                grid: header.grid().clone(),
+                kind: CtKind::Nrrd {
+                    is_placed: header.is_placed(),
+                },
+            })
+        }
         CtSource::File { path, .. } => {
             let template = nifti::read_header(path)?;
             Ok(CtHeader {
                 grid: template.grid().clone(),
-                template: Some(template),
+                kind: CtKind::Nifti(Box::new(template)),
             })
         }
         CtSource::Phantom(Phantom::Lee2001) => Ok(CtHeader {
             grid: Head::default_grid()?,
-            template: None,
+            kind: CtKind::Phantom,
         }),
     }
 }
@@ -104,7 +137,11 @@ pub fn load(source: &CtSource) -> Result<Ct, CtError> {
 }
 
 fn load_file(path: &Path, pin: Option<&str>) -> Result<Ct, CtError> {
-    let scan = nifti::read(path)?;
+    let (format, scan) = if nrrd::is_nrrd(path) {
+        ("nrrd", nrrd::read(path)?)
+    } else {
+        ("nifti", nifti::read(path)?)
+    };
     let found = digest::hex(&scan.sha256);
     if let Some(expected) = pin
         && expected != found
@@ -114,7 +151,7 @@ fn load_file(path: &Path, pin: Option<&str>) -> Result<Ct, CtError> {
             found,
         });
     }
-    let record = record("nifti", None, found, &scan.volume, &scan.template);
+    let record = record(format, None, found, &scan.volume, &scan.template);
     Ok(Ct {
         volume: scan.volume,
         template: scan.template,

@@ -22,6 +22,8 @@ pub enum Phase {
     Measure,
     /// Writing `volume.nii.gz`.
     WriteVolume,
+    /// Writing `volume.nrrd`.
+    WriteNrrd,
     /// Writing `displacement.nii.gz`.
     WriteDisplacement,
     /// Enhancement, segmentation and the semi-boundary (row 3).
@@ -48,6 +50,7 @@ impl Phase {
             Self::Compare => "comparing with exact",
             Self::Measure => "measuring",
             Self::WriteVolume => "writing the volume",
+            Self::WriteNrrd => "writing the volume as NRRD",
             Self::WriteDisplacement => "writing the displacement field",
             Self::Surface => "finding the surface",
             Self::Views => "drawing views",

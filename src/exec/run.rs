@@ -16,6 +16,7 @@ use super::timings::{Clock, Timings};
 use crate::feature::FeatureLine;
 use crate::io::artifact::{Artifact, ArtifactError};
 use crate::io::nifti::{Template, save_displacement, save_volume};
+use crate::io::nrrd::{self, OutputType};
 use crate::io::staging::Staging;
 use crate::measure::{MeasureError, NoseGeometry, Slabs, region_volumes};
 use crate::morph::audit::WarpAudit;
@@ -28,7 +29,7 @@ use crate::report::record::{
 };
 use crate::report::{csv, markdown};
 use crate::space::{Grid, GridPoint};
-use crate::volume::{Sample, Volume};
+use crate::volume::{Rescale, Sample, Volume};
 use crate::with_volume;
 
 /// A finished run.
@@ -74,6 +75,14 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         plan,
         skin_hu,
         template: &ct.template,
+        nrrd: OutputType::choose(
+            ct.record.sample_type,
+            Rescale {
+                slope: ct.record.slope,
+                intercept: ct.record.intercept,
+            },
+            ct.record.hu_range,
+        ),
         staging: &mut staging,
         clock: &mut clock,
         warnings: Vec::new(),
@@ -139,6 +148,7 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
                 (Phase::Audit, true),
                 (Phase::Measure, true),
                 (Phase::WriteVolume, outputs.volume),
+                (Phase::WriteNrrd, outputs.nrrd),
                 (Phase::WriteDisplacement, outputs.displacement),
                 (Phase::Surface, outputs.views),
                 (Phase::Views, outputs.views),
@@ -173,6 +183,8 @@ struct Session<'a, 'b> {
     /// Where tissue begins: the plan's threshold, or what the CT gave for it.
     skin_hu: f64,
     template: &'a Template,
+    /// How samples are written as NRRD: the same at every stage, whose values lie among the CT's.
+    nrrd: OutputType,
     staging: &'a mut Staging,
     clock: &'a mut Clock<'b>,
     warnings: Vec<String>,
@@ -376,6 +388,12 @@ impl Session<'_, '_> {
             let path = self.staging.begin(folder.join("volume.nii.gz"))?;
             self.clock.time(Phase::WriteVolume, Some(at), || {
                 save_volume(&path, self.template, volume)
+            })?;
+        }
+        if outputs.nrrd {
+            let path = self.staging.begin(folder.join("volume.nrrd"))?;
+            self.clock.time(Phase::WriteNrrd, Some(at), || {
+                nrrd::save_volume(&path, self.template, volume, self.nrrd)
             })?;
         }
         if outputs.displacement {

@@ -35,6 +35,25 @@ impl StoredAxes {
         lengths
     }
 
+    /// Lengths by stored axis, from lengths by LPS axis.
+    pub(super) fn to_stored(self, lps: [usize; 3]) -> [usize; 3] {
+        self.lps.map(|axis| lps[axis])
+    }
+
+    /// One stored voxel along i, j and k, and the centre of the first that is stored, LPS mm.
+    pub(super) fn placed(self, grid: &Grid) -> (DMat3, LpsPoint) {
+        let mut columns = DMat3::ZERO;
+        let mut origin = grid.origin().0;
+        for (stored, (lps, flipped)) in self.lps.into_iter().zip(self.flipped).enumerate() {
+            let step = grid.direction().col(lps) * grid.spacing()[lps];
+            if flipped {
+                origin += step * grid.last_index()[lps];
+            }
+            *columns.col_mut(stored) = if flipped { -step } else { step };
+        }
+        (columns, LpsPoint(origin))
+    }
+
     /// An array indexed `[z, y, x]` in LPS order, turned (not copied) into one indexed `[k, j, i]` as
     /// the file is.
     pub(super) fn stored_view<S: RawData>(self, lps: ArrayBase<S, Ix3>) -> ArrayBase<S, Ix3> {

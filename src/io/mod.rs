@@ -1,4 +1,4 @@
-//! Files in and out: NIfTI-1, 3D Slicer's landmarks, parallel gzip, and outputs that appear whole or not at all.
+//! Files in and out: NIfTI-1, NRRD, 3D Slicer's landmarks, parallel gzip, and outputs that appear whole or not at all.
 
 pub mod artifact;
 mod axes;
@@ -6,6 +6,7 @@ pub mod digest;
 pub mod gzip;
 pub mod landmarks;
 pub mod nifti;
+pub mod nrrd;
 pub mod staging;
 
 #[cfg(test)]

@@ -241,6 +241,8 @@ pub struct Stage {
 pub struct Outputs {
     /// `volume.nii.gz` for each stage.
     pub volume: bool,
+    /// `volume.nrrd` for each stage.
+    pub nrrd: bool,
     /// `displacement.nii.gz` for each stage.
     pub displacement: bool,
     /// Pictures of the surfaces, for the nose as it is and for each stage.

@@ -66,7 +66,7 @@ pub struct Inputs {
 /// The CT that a run read.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CtRecord {
-    /// `nifti`, or `phantom` with its name.
+    /// `nifti`, `nrrd`, or `phantom` with its name.
     pub source: &'static str,
     /// The built-in phantom's name.
     pub phantom: Option<&'static str>,

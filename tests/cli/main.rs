@@ -11,6 +11,7 @@ mod exits;
 mod failures;
 mod head;
 mod landmarks;
+mod nrrd;
 mod outputs;
 mod process;
 mod real;

@@ -110,14 +110,14 @@ fn piece<T: DataElement>(
 
 /// NaN and infinity, counted.
 #[derive(Debug, Default)]
-struct NotNumbers {
+pub(in crate::io) struct NotNumbers {
     count: u64,
     first: Option<([usize; 3], f64)>,
 }
 
 impl NotNumbers {
     /// Looks through whole rows of `ni` samples, the first of them row `j` of plane `k`.
-    fn look<T: Sample>(&mut self, piece: &[T], [ni, j, k]: [usize; 3]) {
+    pub(in crate::io) fn look<T: Sample>(&mut self, piece: &[T], [ni, j, k]: [usize; 3]) {
         if !matches!(T::TYPE, SampleType::F32 | SampleType::F64) {
             return;
         }
@@ -131,7 +131,7 @@ impl NotNumbers {
         }
     }
 
-    fn verdict(self, total: usize) -> Result<(), NiftiProblem> {
+    pub(in crate::io) fn verdict(self, total: usize) -> Result<(), NiftiProblem> {
         match self.first {
             None => Ok(()),
             Some((first, value)) => Err(NiftiProblem::NotFinite {

@@ -11,7 +11,7 @@ use super::error::NiftiProblem;
 use super::header::{FIRST_OFFSET, Header};
 
 /// Deflate cannot pack more than this many bytes into one: 258 for two bits.
-const LARGEST_RATIO: u64 = 1032;
+pub(in crate::io) const LARGEST_RATIO: u64 = 1032;
 
 /// What may follow the samples in a gzip stream. It is read to reach the checksum, so a bound keeps a
 /// bomb from being inflated for hours.
@@ -88,25 +88,13 @@ impl Source {
     /// The (inflated) bytes from the first.
     pub(super) fn content(mut self) -> Result<Content, NiftiProblem> {
         self.file.rewind().map_err(NiftiProblem::Io)?;
-        let hashing = Hashing {
-            file: self.file,
-            sha256: Sha256::new(),
-        };
-        let buffered = BufReader::with_capacity(BUFFER, hashing);
-        Ok(Content {
-            stream: if self.compressed {
-                Stream::Gzip(Box::new(MultiGzDecoder::new(buffered)))
-            } else {
-                Stream::Plain(buffered)
-            },
-            position: 0,
-        })
+        Ok(Content::new(self.file, self.compressed, Sha256::new()))
     }
 }
 
 /// A file's (inflated) bytes, in order.
 #[derive(Debug)]
-pub(super) struct Content {
+pub(in crate::io) struct Content {
     stream: Stream,
     position: u64,
 }
@@ -118,13 +106,27 @@ enum Stream {
 }
 
 impl Content {
+    /// The bytes of a file from where it is; `sha256` is of those before.
+    pub(in crate::io) fn new(file: File, compressed: bool, sha256: Sha256) -> Self {
+        let hashing = Hashing { file, sha256 };
+        let buffered = BufReader::with_capacity(BUFFER, hashing);
+        Self {
+            stream: if compressed {
+                Stream::Gzip(Box::new(MultiGzDecoder::new(buffered)))
+            } else {
+                Stream::Plain(buffered)
+            },
+            position: 0,
+        }
+    }
+
     /// Bytes taken so far.
-    pub(super) fn position(&self) -> u64 {
+    pub(in crate::io) fn position(&self) -> u64 {
         self.position
     }
 
     /// Passes over up to `count` bytes; returns how many there were.
-    pub(super) fn skip(&mut self, count: u64) -> Result<u64, NiftiProblem> {
+    pub(in crate::io) fn skip(&mut self, count: u64) -> Result<u64, NiftiProblem> {
         let copied = match &mut self.stream {
             Stream::Plain(stream) => io::copy(&mut stream.take(count), &mut io::sink()),
             Stream::Gzip(stream) => io::copy(&mut stream.take(count), &mut io::sink()),
@@ -135,7 +137,7 @@ impl Content {
     }
 
     /// Reads up to `count` bytes, fewer only at the end.
-    pub(super) fn read(&mut self, count: usize) -> Result<Vec<u8>, NiftiProblem> {
+    pub(in crate::io) fn read(&mut self, count: usize) -> Result<Vec<u8>, NiftiProblem> {
         let mut bytes = Vec::new();
         bytes
             .try_reserve_exact(count)
@@ -154,7 +156,7 @@ impl Content {
 
     /// Reads what is left, so that gzip's checksum is verified and the whole file hashed; returns the
     /// SHA-256 of the file.
-    pub(super) fn finish(mut self) -> Result<[u8; 32], NiftiProblem> {
+    pub(in crate::io) fn finish(mut self) -> Result<[u8; 32], NiftiProblem> {
         match self.stream {
             Stream::Plain(_) => {
                 self.skip(u64::MAX)?;

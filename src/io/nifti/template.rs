@@ -56,6 +56,16 @@ impl Template {
         sample_type: SampleType,
         rescale: Rescale,
     ) -> Result<Self, NiftiProblem> {
+        Self::for_stored(grid, StoredAxes::LPS, sample_type, rescale)
+    }
+
+    /// As [`Template::for_grid`], stored in another order of axes.
+    pub(in crate::io) fn for_stored(
+        grid: &Grid,
+        axes: StoredAxes,
+        sample_type: SampleType,
+        rescale: Rescale,
+    ) -> Result<Self, NiftiProblem> {
         let mut raw = RawHeader {
             bytes: [0; HEADER_LEN],
             order: ByteOrder::Little,
@@ -63,15 +73,16 @@ impl Template {
         raw.bytes[..4].copy_from_slice(&(HEADER_LEN as i32).to_le_bytes());
         // An unused field that readers of Analyze 7.5 want to be 'r'.
         raw.bytes[at::REGULAR] = b'r';
-        let [nx, ny, nz] = grid.dims().map(|n| i16::try_from(n).unwrap_or(i16::MAX));
-        raw.put_i16s(at::DIM, &[3, nx, ny, nz, 1, 1, 1, 1]);
+        let stored = axes.to_stored(grid.dims());
+        let [ni, nj, nk] = stored.map(|n| i16::try_from(n).unwrap_or(i16::MAX));
+        raw.put_i16s(at::DIM, &[3, ni, nj, nk, 1, 1, 1, 1]);
         raw.put_type(sample_type);
         raw.put_f32(at::SCL_SLOPE, rescale.slope as f32);
         raw.put_f32(at::SCL_INTER, rescale.intercept as f32);
         raw.put_f32(at::VOX_OFFSET, FIRST_OFFSET as f32);
         raw.bytes[at::XYZT_UNITS] = 2;
         raw.bytes[at::MAGIC..].copy_from_slice(b"n+1\0");
-        raw.put_position(grid);
+        raw.put_position(grid, axes);
         let header = Header::parse(&raw.bytes)?;
         Self::from_header(&header)
     }
@@ -166,13 +177,16 @@ impl RawHeader {
         self.put_i16s(at::DATATYPE, &[code, bits]);
     }
 
-    /// Spacing, sform and qform of a volume stored in LPS order.
-    fn put_position(&mut self, grid: &Grid) {
-        let spacing = grid.spacing();
-        let axes = lps_axes_to_ras(grid.direction());
-        let origin = RasPoint::from(grid.origin()).0;
+    /// Spacing, sform and qform.
+    fn put_position(&mut self, grid: &Grid, stored: StoredAxes) {
+        let spacing = stored.lps.map(|axis| grid.spacing()[axis]);
+        let (steps, origin) = stored.placed(grid);
+        let steps = lps_axes_to_ras(steps);
+        let origin = RasPoint::from(origin).0;
+        let axes = [0, 1, 2].map(|axis| steps.col(axis) / spacing[axis]);
+        let axes = DMat3::from_cols(axes[0], axes[1], axes[2]);
         for axis in 0..3 {
-            let row = [0, 1, 2].map(|column| axes.col(column)[axis] * spacing[column]);
+            let row = [0, 1, 2].map(|column| steps.col(column)[axis]);
             for (column, value) in row.into_iter().chain([origin[axis]]).enumerate() {
                 self.put_f32(at::SROW_X + 16 * axis + 4 * column, value as f32);
             }

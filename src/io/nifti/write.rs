@@ -236,7 +236,7 @@ fn write_header(to: &mut impl Write, header: &RawHeader) -> io::Result<()> {
 
 /// Makes the rows of a volume in stored order, many at a time and in parallel, and writes them.
 /// `fill` gets the row's number (j + k · nj) and the row's bytes. `bytes` is memory to work in.
-fn write_rows(
+pub(in crate::io) fn write_rows(
     to: &mut impl Write,
     stored: [usize; 3],
     sample_bytes: usize,
@@ -264,7 +264,11 @@ fn write_rows(
 }
 
 /// A row by its number, of an array indexed `[k, j, i]`.
-fn row_of<T>(stored: ArrayView3<'_, T>, row: usize, nj: usize) -> ArrayView1<'_, T> {
+pub(in crate::io) fn row_of<T>(
+    stored: ArrayView3<'_, T>,
+    row: usize,
+    nj: usize,
+) -> ArrayView1<'_, T> {
     stored
         .index_axis_move(Axis(0), row / nj)
         .index_axis_move(Axis(0), row % nj)

@@ -280,14 +280,16 @@ fn method(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Method> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Output {
     Volume,
+    Nrrd,
     Displacement,
     Views,
     Slices,
     Charts,
 }
 
-const OUTPUTS: [(&str, Output); 5] = [
+const OUTPUTS: [(&str, Output); 6] = [
     ("volume", Output::Volume),
+    ("nrrd", Output::Nrrd),
     ("displacement", Output::Displacement),
     ("views", Output::Views),
     ("slices", Output::Slices),
@@ -327,6 +329,7 @@ pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Outpu
         };
         let asked = match output {
             Output::Volume => &mut outputs.volume,
+            Output::Nrrd => &mut outputs.nrrd,
             Output::Displacement => &mut outputs.displacement,
             Output::Views => &mut outputs.views,
             Output::Slices => &mut outputs.slices,
