@@ -10,7 +10,9 @@ use crate::feature::LineError;
 use crate::io::artifact::ArtifactError;
 use crate::io::nifti::WriteError;
 use crate::measure::MeasureError;
+use crate::plan::Diagnostics;
 use crate::resample::half::HalfError;
+use crate::surface::SurfaceError;
 use crate::volume::VolumeError;
 
 /// The exit codes of the program.
@@ -77,6 +79,12 @@ pub enum RunError {
     /// The CT gives no skin threshold.
     #[error(transparent)]
     Skin(#[from] SkinError),
+    /// The skin at the landmarks cannot be found.
+    #[error("the skin at the landmarks cannot be found: {0}")]
+    SkinAtLandmarks(#[from] SurfaceError),
+    /// The plan has faults once its landmarks are moved onto the skin.
+    #[error("with its landmarks moved onto the skin (`landmarks.snap`) the plan cannot run:\n{0}")]
+    Snapped(Diagnostics),
     /// There is nothing to measure before the first operation.
     #[error("the preoperative nose cannot be measured: {0}")]
     Preoperative(MeasureError),
@@ -126,7 +134,8 @@ impl RunError {
             Self::Ct(_) | Self::Skin(_) | Self::Preoperative(_) | Self::Measure { .. } => {
                 ExitCode::Input
             }
-            Self::Half(_) | Self::Volume(_) => ExitCode::Input,
+            Self::Half(_) | Self::Volume(_) | Self::SkinAtLandmarks(_) => ExitCode::Input,
+            Self::Snapped(_) => ExitCode::Usage,
             Self::Pictures(PicturesError::Camera(_) | PicturesError::Picture(_)) => ExitCode::Bug,
             Self::Pictures(PicturesError::Enhance(_)) => ExitCode::Usage,
             Self::Pictures(_) => ExitCode::Input,

@@ -8,6 +8,8 @@ use serde::Serialize;
 pub enum Phase {
     /// Reading or making the CT.
     Read,
+    /// Finding the skin at the landmarks.
+    Landmarks,
     /// To half scale (paper Table III, row 1).
     Half,
     /// Morphing (row 2).
@@ -43,6 +45,7 @@ impl Phase {
     pub const fn describe(self) -> &'static str {
         match self {
             Self::Read => "reading the CT",
+            Self::Landmarks => "checking the landmarks",
             Self::Half => "halving",
             Self::Morph => "morphing",
             Self::Upsample => "back to full scale",

@@ -12,6 +12,7 @@ pub mod pictures;
 pub mod preflight;
 pub mod run;
 pub mod skin;
+pub mod skin_landmarks;
 mod timings;
 
 pub use error::{ExitCode, RunError};

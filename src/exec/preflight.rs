@@ -16,6 +16,8 @@ pub struct Ready {
     pub sha256: String,
     /// SHA-256 of the file of landmarks that the plan names, hexadecimal.
     pub landmarks_sha256: Option<String>,
+    /// The plan as written, to be resolved again where its landmarks move.
+    pub source: PlanFile,
     /// The plan, resolved on its CT's grid.
     pub plan: Plan,
     /// The CT's header.
@@ -107,6 +109,7 @@ fn prepare_one(file: &PlanFile, refusal: &mut Refusal) -> Option<Ready> {
         Ok(plan) => Some(Ready {
             file: file.shown_name().to_owned(),
             sha256: file.sha256().to_owned(),
+            source: file.clone(),
             landmarks_sha256: file.landmarks_sha256().map(str::to_owned),
             plan,
             ct: header,

@@ -12,6 +12,7 @@ use super::operation::Operation;
 use super::pictures::{Gallery, Profiles, write_charts, write_slices};
 use super::preflight::{Ready, output_folder};
 use super::skin::skin_hu;
+use super::skin_landmarks::{SkinLandmark, moved, skin_landmarks};
 use super::timings::{Clock, Timings};
 use crate::feature::FeatureLine;
 use crate::io::artifact::{Artifact, ArtifactError};
@@ -25,7 +26,7 @@ use crate::morph::field::Field;
 use crate::plan::{Candidate, Method, Model, Plan, Scale};
 use crate::report::record::{
     CandidateRecord, FORMAT, Inputs, Measures, OperationRecord, PREOPERATIVE, PlanRecord, Program,
-    RunRecord, StageRecord, SurfaceChange,
+    RunRecord, SnapRecord, SnappedLandmark, StageRecord, SurfaceChange,
 };
 use crate::report::{csv, markdown};
 use crate::space::{Grid, GridPoint};
@@ -71,6 +72,12 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         let skin_hu = skin_hu(&plan.segment, &ct.volume)?;
         Ok::<_, RunError>((ct, skin_hu))
     })?;
+    let (found, moved) = clock.time(
+        Phase::Landmarks,
+        None,
+        || with_volume!(&ct.volume, volume => look_at_landmarks(ready, skin_hu, volume)),
+    )?;
+    let plan = moved.as_ref().unwrap_or(plan);
     let mut session = Session {
         plan,
         skin_hu,
@@ -92,6 +99,11 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
     if let Some(warning) = ready.ct.warning() {
         session.warn(warning);
     }
+    for landmark in &found {
+        if let Some(warning) = landmark.warning(plan.snap_mm) {
+            session.warn(warning);
+        }
+    }
     let candidates = with_volume!(&ct.volume, volume => session.candidates(volume))?;
     let warnings = session.warnings;
     let record = RunRecord {
@@ -102,7 +114,12 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
             landmarks_sha256: ready.landmarks_sha256.clone(),
             ct: ct.record.clone(),
         },
-        plan: PlanRecord::new(plan, skin_hu, ct.volume.grid()),
+        plan: PlanRecord::new(
+            plan,
+            skin_hu,
+            ct.volume.grid(),
+            snap_record(plan, &found, ct.volume.grid()),
+        ),
         candidates,
     };
     drop::<Ct>(ct);
@@ -121,11 +138,46 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
     })
 }
 
+/// How far the landmarks of the skin are from it, and the plan with those moved that it asks to be moved:
+/// resolved anew, so that f1, the cage and every edit follow.
+fn look_at_landmarks<T: Sample>(
+    ready: &Ready,
+    skin_hu: f64,
+    volume: &Volume<T>,
+) -> Result<(Vec<SkinLandmark>, Option<Plan>), RunError> {
+    let found = skin_landmarks(&ready.plan, skin_hu, volume)?;
+    let Some(snap_mm) = ready.plan.snap_mm else {
+        return Ok((found, None));
+    };
+    let moved = moved(&found, snap_mm);
+    let plan = ready.source.resolve_moved(&ready.ct.grid, &moved);
+    Ok((found, Some(plan.map_err(RunError::Snapped)?)))
+}
+
+/// What the record says of landmarks that were to be moved.
+fn snap_record(plan: &Plan, found: &[SkinLandmark], grid: &Grid) -> Option<SnapRecord> {
+    let mm = plan.snap_mm?;
+    let moved = found.iter().filter_map(|landmark| {
+        let skin = landmark.snapped(mm)?;
+        Some(SnappedLandmark {
+            name: landmark.landmark.name(),
+            from_voxel: grid.grid_to_index(landmark.at),
+            to_voxel: grid.grid_to_index(skin.point),
+            distance_mm: skin.distance_mm,
+        })
+    });
+    Some(SnapRecord {
+        mm,
+        moved: moved.collect(),
+    })
+}
+
 /// The phases that a plan takes, in order.
 pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
     let outputs = plan.outputs;
     let at_start = [
         (Phase::Read, true),
+        (Phase::Landmarks, true),
         (Phase::Measure, true),
         (Phase::Surface, outputs.views),
         (Phase::Views, outputs.views),

@@ -433,9 +433,8 @@ pub(super) fn nearest<'k>(written: &str, known: &[&'k str]) -> Option<&'k str> {
 fn home(key: &str) -> Option<&'static str> {
     Some(match key {
         "path" | "phantom" | "sha256" => "[ct]",
-        "frame" | "nasal_bones" | "lip" | "alare_left" | "alare_right" | "tip" | "maxilla" => {
-            "[landmarks]"
-        }
+        "snap" | "frame" | "nasal_bones" | "lip" | "alare_left" | "alare_right" | "tip"
+        | "maxilla" => "[landmarks]",
         "depth" => "[cage]",
         "root" => "[f1]",
         "kind" => "[f1], or a [[candidate.stage]]",

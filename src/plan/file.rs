@@ -14,10 +14,10 @@ use super::raw::{Frame, RawPlan};
 use super::resolve;
 use super::resolved::{CtSource, Plan};
 use super::source::{Located, Source, Span};
-use crate::feature::Landmark;
+use crate::feature::{Landmark, Landmarks};
 use crate::io::digest::sha256_hex;
 use crate::io::landmarks::{self, CoordinateSystem};
-use crate::space::Grid;
+use crate::space::{Grid, GridPoint};
 
 /// The largest plan file, bytes. A thousand candidates are a tenth of it.
 pub const MAX_PLAN_BYTES: u64 = 1 << 20;
@@ -170,8 +170,26 @@ impl PlanFile {
     /// # Errors
     /// Every fault of the plan, in the order of the file.
     pub fn resolve(&self, grid: &Grid) -> Result<Plan, Diagnostics> {
-        let mut faults = self.faults.clone();
+        self.resolve_raw(self.raw.as_ref(), grid)
+    }
+
+    /// The plan as it runs on a CT of this grid with some landmarks elsewhere: those that have a position
+    /// here.
+    ///
+    /// # Errors
+    /// As [`PlanFile::resolve`].
+    pub fn resolve_moved(
+        &self,
+        grid: &Grid,
+        moved: &Landmarks<Option<GridPoint>>,
+    ) -> Result<Plan, Diagnostics> {
         let raw = self.raw.as_ref();
+        let raw = raw.map(|raw| resolve::with_moved(raw, grid, moved));
+        self.resolve_raw(raw.as_ref(), grid)
+    }
+
+    fn resolve_raw(&self, raw: Option<&RawPlan>, grid: &Grid) -> Result<Plan, Diagnostics> {
+        let mut faults = self.faults.clone();
         let plan = raw.and_then(|raw| resolve::plan(raw, &self.folder, grid, &mut faults));
         plan.ok_or_else(|| Diagnostics::new(&self.source, faults))
     }

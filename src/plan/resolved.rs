@@ -37,6 +37,8 @@ pub struct Plan {
     pub ct: CtSource,
     /// The six landmarks.
     pub landmarks: Landmarks<GridPoint>,
+    /// How far the landmarks of the skin may be from it to be moved onto it, mm; none where they stay.
+    pub snap_mm: Option<f64>,
     /// Distance from the base plane to the back face of the cage, mm.
     pub cage_depth_mm: f64,
     /// The preoperative feature line f1.

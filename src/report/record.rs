@@ -94,6 +94,9 @@ pub struct PlanRecord {
     pub title: Option<String>,
     pub landmarks_mm: Landmarks<GridPoint>,
     pub landmarks_voxel: Landmarks<ContinuousIndex>,
+    /// Not there where the plan asks for no landmark to be moved.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub snap: Option<SnapRecord>,
     pub cage_mm: Cage,
     pub cage_depth_mm: f64,
     pub f1_mm: FeatureLine,
@@ -102,6 +105,28 @@ pub struct PlanRecord {
     pub morph: Morph,
     pub outputs: Outputs,
     pub views: Option<Views>,
+}
+
+/// Landmarks that were moved onto the skin. The plan's other positions are those after that.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SnapRecord {
+    /// The plan's limit, mm.
+    pub mm: f64,
+    /// The landmarks that were moved.
+    pub moved: Vec<SnappedLandmark>,
+}
+
+/// A landmark that was moved onto the skin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SnappedLandmark {
+    /// Its name in the plan.
+    pub name: &'static str,
+    /// Where the plan puts it, voxels in LPS order.
+    pub from_voxel: ContinuousIndex,
+    /// Where it was moved to.
+    pub to_voxel: ContinuousIndex,
+    /// From the one to the other, mm.
+    pub distance_mm: f64,
 }
 
 /// What was tissue and what was bone.
@@ -142,13 +167,15 @@ impl SegmentRecord {
 }
 
 impl PlanRecord {
-    /// What `plan` says, on the grid it was resolved for, with the skin threshold that the run used.
-    pub fn new(plan: &Plan, skin_hu: f64, grid: &Grid) -> Self {
+    /// What `plan` says, on the grid it was resolved for, with the skin threshold that the run used and the
+    /// landmarks that it moved.
+    pub fn new(plan: &Plan, skin_hu: f64, grid: &Grid, snap: Option<SnapRecord>) -> Self {
         Self {
             name: plan.name.clone(),
             title: plan.title.clone(),
             landmarks_mm: plan.landmarks,
             landmarks_voxel: plan.landmarks.map(|point| grid.grid_to_index(point)),
+            snap,
             cage_mm: Cage::new(&plan.landmarks, plan.cage_depth_mm),
             cage_depth_mm: plan.cage_depth_mm,
             f1_mm: plan.f1,

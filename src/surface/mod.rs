@@ -6,11 +6,13 @@
 mod boundary;
 mod build;
 mod distance;
+mod facing;
 mod normal;
 
 pub use boundary::{BoundaryVoxel, NeighbourCode, SemiBoundary, SurfaceError};
 pub use build::{Region, semi_boundary};
 pub use distance::{SurfaceDistance, signed_distances};
+pub use facing::{NearestFacing, nearest_facing};
 pub use normal::PackedNormal;
 
 #[cfg(test)]

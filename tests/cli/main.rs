@@ -17,4 +17,5 @@ mod process;
 mod real;
 mod same;
 mod skin;
+mod snap;
 mod volumes;

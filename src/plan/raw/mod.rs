@@ -93,6 +93,8 @@ pub(super) struct RawLandmarks {
     pub file: Option<Located<PathBuf>>,
     pub frame: Option<Frame>,
     pub points: Landmarks<Option<Located<[f64; 3]>>>,
+    /// How far the landmarks of the skin may be from it to be moved onto it, mm.
+    pub snap_mm: Option<f64>,
 }
 
 /// A point, as messages ask for it.
@@ -320,6 +322,7 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
             tip: None,
             maxilla: None,
         },
+        snap_mm: None,
     };
     let names = Landmark::ALL.map(Landmark::name);
     let Some(value) = plan.get("landmarks") else {
@@ -330,13 +333,19 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
         faults.missing(plan, "landmarks", &expected);
         return none();
     };
-    let known: Vec<&str> = ["frame"].into_iter().chain(names).chain(["file"]).collect();
+    let known: Vec<&str> = ["frame"]
+        .into_iter()
+        .chain(names)
+        .chain(["file", "snap"])
+        .collect();
     let Some(table) = faults.table(value, "[landmarks]", &known) else {
         return none();
     };
+    let snap_mm = settings::snap(&table, faults);
     if let Some(value) = table.get("file") {
         return RawLandmarks {
             file: landmark_file(value, &table, faults),
+            snap_mm,
             ..none()
         };
     }
@@ -366,6 +375,7 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
         file: None,
         frame,
         points,
+        snap_mm,
     }
 }
 

@@ -18,6 +18,8 @@ pub(in super::super) enum RawLength {
 const MAX_LENGTH: f64 = 1000.0;
 /// The largest sigma of a Gaussian, mm: a nose is not much larger.
 const MAX_SIGMA_MM: f64 = 10.0;
+/// The furthest that a landmark is moved, mm: what is further away was not misplaced by a little.
+const MAX_SNAP_MM: f64 = 10.0;
 /// The only window of the median filter: 3×3×3 voxels.
 const MEDIAN: i64 = 3;
 /// The largest threshold on either side of 0, HU: what 16-bit files can hold.
@@ -59,6 +61,15 @@ pub(super) fn measured(
     let (unit, number) = faults.choice(value, what, units, &forms, hint)?;
     let number = faults.number_where(number, what, expected, valid)?;
     Some((unit, number))
+}
+
+/// `landmarks.snap`, mm.
+pub(super) fn snap(landmarks: &Table<'_, '_>, faults: &mut Faults) -> Option<f64> {
+    let value = landmarks.get("snap")?;
+    let expected = format!("a number above 0, at most {MAX_SNAP_MM} mm");
+    let valid = |mm: f64| mm > 0.0 && mm <= MAX_SNAP_MM;
+    let snap = measured(value, "`landmarks.snap`", &["mm"], &expected, valid, faults);
+    snap.map(|(_, mm)| mm)
 }
 
 pub(super) fn cage_depth(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<RawLength> {

@@ -10,7 +10,7 @@ use super::diagnostic::{Code, Fault};
 use super::raw::{Frame, RawCt, RawLength, RawPlan};
 use super::resolved::{CtSource, DEFAULT_CAGE_DEPTH_MM, Plan};
 use super::source::Span;
-use crate::feature::LineError;
+use crate::feature::{Landmark, Landmarks, LineError};
 use crate::space::{ContinuousIndex, Grid, GridPoint, LpsPoint, RasPoint};
 
 pub(super) use landmarks::sides_of_voxels;
@@ -40,6 +40,7 @@ pub(super) fn plan(raw: &RawPlan, folder: &Path, grid: &Grid, faults: &mut Fault
             title: raw.title.clone(),
             ct: ct(raw.ct.as_ref()?, folder),
             landmarks: placed.landmarks?,
+            snap_mm: raw.landmarks.snap_mm,
             cage_depth_mm: match raw.cage_depth {
                 Some(RawLength::Mm(mm)) => mm,
                 Some(RawLength::Voxels(voxels)) => voxels * grid.spacing().y,
@@ -83,6 +84,34 @@ fn to_grid(point: [f64; 3], frame: Frame, grid: &Grid) -> GridPoint {
         Frame::Lps => grid.lps_to_grid(LpsPoint::from(point)),
         Frame::Ras => grid.lps_to_grid(LpsPoint::from(RasPoint::from(point))),
     }
+}
+
+/// A position as a plan would write it.
+fn from_grid(point: GridPoint, frame: Frame, grid: &Grid) -> [f64; 3] {
+    match frame {
+        Frame::Voxel => grid.grid_to_index(point).to_array(),
+        Frame::Lps => grid.grid_to_lps(point).to_array(),
+        Frame::Ras => RasPoint::from(grid.grid_to_lps(point)).to_array(),
+    }
+}
+
+/// The plan as if it gave these positions for the landmarks that have one.
+pub(super) fn with_moved(
+    raw: &RawPlan,
+    grid: &Grid,
+    moved: &Landmarks<Option<GridPoint>>,
+) -> RawPlan {
+    let mut raw = raw.clone();
+    let Some(frame) = raw.landmarks.frame else {
+        return raw;
+    };
+    for landmark in Landmark::ALL {
+        let point = raw.landmarks.points.get_mut(landmark);
+        if let (Some(to), Some(point)) = (moved.get(landmark), point) {
+            point.value = from_grid(*to, frame, grid);
+        }
+    }
+    raw
 }
 
 /// How far past the last voxel's centre still counts as on it, in voxels: the rounding of a conversion
