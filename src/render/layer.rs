@@ -160,17 +160,33 @@ const SAMPLES: [[f32; 2]; 4] = [
 #[derive(Debug, Clone, Copy)]
 struct Front {
     depth: Vec4,
-    place: [u32; QUAD],
+    /// The bits of each lane are a place: so four are chosen at once.
+    place: Vec4,
 }
 
-/// Four pixels of the second pass: sums of weighted normals and values, and of weights.
+impl Front {
+    const NOTHING: Self = Self {
+        depth: Vec4::NEG_INFINITY,
+        place: bits(NOTHING),
+    };
+
+    fn place(&self, lane: usize) -> u32 {
+        self.place[lane].to_bits()
+    }
+}
+
+/// Four times the same bits.
+const fn bits(value: u32) -> Vec4 {
+    Vec4::splat(f32::from_bits(value))
+}
+
+/// Four pixels of the second pass: sums of weighted normals, and of weights.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     x: Vec4,
     y: Vec4,
     z: Vec4,
     weight: Vec4,
-    value: Vec4,
 }
 
 /// The middles of a quad's pixels from the first one's left edge.
@@ -188,7 +204,24 @@ impl Painter<'_> {
         let fronts = self.fronts(&splats, span);
         let hidden = Hidden::new(&fronts, span);
         splats.retain(|splat| !hidden.hides(splat, span, self.blend_mm));
-        let sums = self.sums(&splats, &fronts, span);
+        let mut sums = vec![Sums::default(); span.len()];
+        self.blend(&splats, &fronts, span, |quad, splat, weight| {
+            if let Some(sum) = sums.get_mut(quad) {
+                sum.x += weight * splat.normal.x;
+                sum.y += weight * splat.normal.y;
+                sum.z += weight * splat.normal.z;
+                sum.weight += weight;
+            }
+        });
+        let mut values = Vec::new();
+        if let Paint::Scalar { .. } = self.object.paint {
+            values = vec![Vec4::ZERO; span.len()];
+            self.blend(&splats, &fronts, span, |quad, splat, weight| {
+                if let Some(sum) = values.get_mut(quad) {
+                    *sum += weight * self.scalar(splat.place);
+                }
+            });
+        }
         let edges = self.edges(&fronts, span);
         let samples = self.samples(&splats, &edges, span);
         for pixel in 0..band.depth.len() {
@@ -199,17 +232,16 @@ impl Painter<'_> {
                 band.near[pixel] = edges.share(number as usize, lane, &samples);
             }
             let front = &fronts[quad];
-            let place = front.place[lane];
+            let place = front.place(lane);
             if place == NOTHING {
                 continue;
             }
             let sum = &sums[quad];
             let normal = Vec3::new(sum.x[lane], sum.y[lane], sum.z[lane]).normalize_or(Vec3::Z);
             let weight = sum.weight[lane];
-            let value = if weight > 0.0 {
-                sum.value[lane] / weight
-            } else {
-                0.0
+            let value = match values.get(quad) {
+                Some(sum) if weight > 0.0 => sum[lane] / weight,
+                _ => 0.0,
             };
             let cut = place & FLAT != 0;
             band.rgba[pixel] = self.shader.shade(&self.object.paint, normal, value, cut);
@@ -220,12 +252,9 @@ impl Painter<'_> {
 
     /// The foremost disc of every pixel; of equally deep ones the first drawn.
     fn fronts(&self, splats: &[Splat], span: Span) -> Vec<Front> {
-        let nothing = Front {
-            depth: Vec4::NEG_INFINITY,
-            place: [NOTHING; QUAD],
-        };
-        let mut fronts = vec![nothing; span.len()];
+        let mut fronts = vec![Front::NOTHING; span.len()];
         for splat in splats {
+            let place = bits(splat.place);
             for row in span.rows_of(splat) {
                 let line = Line::new(splat, span.first + row as isize);
                 let (range, from) = span.quads_of(&line, row);
@@ -237,48 +266,42 @@ impl Painter<'_> {
                     let z = line.depth(dx);
                     let hit = line.covered(dx) & z.cmpgt(front.depth);
                     front.depth = Vec4::select(hit, z, front.depth);
-                    let hit = hit.bitmask();
-                    for (lane, place) in front.place.iter_mut().enumerate() {
-                        *place = if hit >> lane & 1 == 1 {
-                            splat.place
-                        } else {
-                            *place
-                        };
-                    }
+                    front.place = Vec4::select(hit, place, front.place);
                 }
             }
         }
         fronts
     }
 
-    /// The weighted sums over the discs at the depth of the foremost.
-    fn sums(&self, splats: &[Splat], fronts: &[Front], span: Span) -> Vec<Sums> {
-        let mut all = vec![Sums::default(); span.len()];
+    /// Gives each disc at the depth of the foremost to `add`, with the place of a quad in the span and the
+    /// weights that the disc has in its pixels: they fall from 1 in its middle to 0 at its rim.
+    #[inline]
+    fn blend(
+        &self,
+        splats: &[Splat],
+        fronts: &[Front],
+        span: Span,
+        mut add: impl FnMut(usize, &Splat, Vec4),
+    ) {
+        let blend_mm = Vec4::splat(self.blend_mm);
         for splat in splats {
-            let [nx, ny, nz] = splat.normal.to_array().map(Vec4::splat);
-            let value = Vec4::splat(self.scalar(splat.place));
             for row in span.rows_of(splat) {
                 let line = Line::new(splat, span.first + row as isize);
                 let (range, from) = span.quads_of(&line, row);
-                let (Some(fronts), Some(sums)) = (fronts.get(range.clone()), all.get_mut(range))
-                else {
+                let begin = range.start;
+                let Some(fronts) = fronts.get(range) else {
                     continue;
                 };
-                for (quad, (front, sum)) in fronts.iter().zip(sums).enumerate() {
+                for (quad, front) in fronts.iter().enumerate() {
                     let dx = line.dx(from + quad);
-                    let near = line.depth(dx) + Vec4::splat(self.blend_mm);
+                    let near = line.depth(dx) + blend_mm;
                     let falling = (Vec4::ONE - line.q(dx)).max(Vec4::ZERO);
                     let weight =
                         Vec4::select(near.cmpge(front.depth), falling * falling, Vec4::ZERO);
-                    sum.x += weight * nx;
-                    sum.y += weight * ny;
-                    sum.z += weight * nz;
-                    sum.weight += weight;
-                    sum.value += weight * value;
+                    add(begin + quad, splat, weight);
                 }
             }
         }
-        all
     }
 
     /// The quads that hold a pixel at an edge of depth.

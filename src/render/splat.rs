@@ -12,7 +12,7 @@ pub(super) const QUAD: usize = 4;
 /// Radius of a disc in voxels: the discs of neighbouring voxels overlap on a plane of any orientation. A
 /// plane across a body diagonal needs most: there the discs' centres form triangles of side √2 voxels
 /// whose middle is 0.82 voxels from them.
-const RADIUS: f32 = 1.2;
+const RADIUS: f32 = 1.1;
 /// The same for voxels of a flat end, which form a square lattice (0.71 voxels suffice) and shall not
 /// overhang it.
 const FLAT_RADIUS: f32 = 0.8;
@@ -87,6 +87,10 @@ pub(super) struct Splat {
     pub a: f32,
     pub b: f32,
     pub c: f32,
+    /// b/a, 1/a, and (c - b²/a)/a: what the reach of a row needs.
+    slant: f32,
+    across: f32,
+    narrowing: f32,
     /// How far the ellipse reaches from its middle to either side, and up and down, pixels.
     pub half_width: f32,
     pub half_height: f32,
@@ -249,15 +253,21 @@ impl Eye {
         let scale = radius * radius / (a * c - b * b);
         let (xx, xy, yy) = (c * scale + LOW_PASS, -b * scale, a * scale + LOW_PASS);
         let det = xx * yy - xy * xy;
+        let (a, b, c) = (yy / det, -xy / det, xx / det);
+        let across = det / yy;
+        let slant = b * across;
         Splat {
             x: centre.x,
             y: centre.y,
             z: centre.z,
             zx,
             zy,
-            a: yy / det,
-            b: -xy / det,
-            c: xx / det,
+            a,
+            b,
+            c,
+            slant,
+            across,
+            narrowing: c * across - slant * slant,
             half_width: xx.sqrt(),
             half_height: yy.sqrt(),
             place,
@@ -349,8 +359,8 @@ impl Splat {
     /// does not reach so far.
     #[inline]
     pub(super) fn reach(&self, dy: f32) -> (f32, f32) {
-        let middle = -self.b * dy / self.a;
-        let square = middle * middle - (self.c * dy * dy - 1.0) / self.a;
+        let middle = -self.slant * dy;
+        let square = self.across - self.narrowing * dy * dy;
         if square <= 0.0 {
             return (0.0, 0.0);
         }
