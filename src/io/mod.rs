@@ -1,6 +1,7 @@
 //! Files in and out: NIfTI-1, parallel gzip, and outputs that appear whole or not at all.
 
 pub mod artifact;
+mod axes;
 pub mod digest;
 pub mod gzip;
 pub mod nifti;
