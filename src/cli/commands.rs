@@ -111,6 +111,7 @@ pub(super) fn info(path: &Path, output: &Output) -> ExitCode {
     let source = CtSource::File {
         path: path.to_owned(),
         sha256: None,
+        series: None,
     };
     let (header, ct) = match ct::header(&source).and_then(|h| Ok((h, ct::load(&source)?))) {
         Ok(both) => both,

@@ -98,7 +98,7 @@ pub fn header(source: &CtSource) -> Result<CtHeader, CtError> {
 /// [`CtError`] where it cannot be used, or is not the one that the plan pins.
 pub fn load(source: &CtSource) -> Result<Ct, CtError> {
     match source {
-        CtSource::File { path, sha256 } => load_file(path, sha256.as_deref()),
+        CtSource::File { path, sha256, .. } => load_file(path, sha256.as_deref()),
         CtSource::Phantom(phantom) => load_phantom(*phantom),
     }
 }
