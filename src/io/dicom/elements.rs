@@ -17,7 +17,7 @@ use dicom_parser::dataset::LazyDataToken;
 use dicom_parser::dataset::lazy_read::LazyDataSetReader;
 use flate2::read::DeflateDecoder;
 
-use super::error::SliceProblem;
+use super::error::{SliceProblem, with_sources};
 use super::syntax::{Packing, Syntax};
 
 /// An element of the standard, under the name that messages use.
@@ -333,15 +333,8 @@ impl Attribute {
     }
 }
 
-/// What the parser says, and what led to it.
 fn damaged(error: impl std::error::Error) -> SliceProblem {
-    let mut text = error.to_string();
-    let mut source = error.source();
-    while let Some(error) = source {
-        text = format!("{text}: {error}");
-        source = error.source();
-    }
-    SliceProblem::Damaged(text)
+    SliceProblem::Damaged(with_sources(&error))
 }
 
 /// What the meta information says: always explicit and little endian (PS3.10, 7.1).

@@ -275,3 +275,21 @@ pub enum SliceProblem {
         message: String,
     },
 }
+
+impl SliceProblem {
+    /// That of a file on which a decoder panicked.
+    pub(super) fn misfit() -> Self {
+        Self::Damaged("its elements do not fit together".to_owned())
+    }
+}
+
+/// What a decoder says, and what led to it.
+pub(super) fn with_sources(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(error) = source {
+        text = format!("{text}: {error}");
+        source = error.source();
+    }
+    text
+}

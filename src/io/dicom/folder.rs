@@ -1,8 +1,9 @@
 //! What lies in a folder: series that can be read, and what is left out of them and why.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::fs::{self, File};
-use std::io::{self, BufReader};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -236,9 +237,19 @@ impl Folder {
                 let of_uid = |c: &&Candidate| c.member.uid == uid;
                 self.stacks.iter().filter(of_uid).collect()
             }
-            (None, None) => self.stacks.iter().collect(),
+            (None, None) => {
+                // A series that cannot be read may be the one that is meant.
+                let count = self.uids().len();
+                if count > 1 {
+                    let table = self.table_of_ct();
+                    return Err(fail(DicomProblem::Several { count, table }));
+                }
+                self.stacks.iter().collect()
+            }
         };
-        if let Some(faulty) = self.fault_of(&chosen, uid) {
+        if chosen.len() < 2
+            && let Some(faulty) = self.fault_of(&chosen, uid)
+        {
             return Err(self.slice_error(&faulty.file, &faulty.problem));
         }
         match chosen.as_slice() {
@@ -249,23 +260,25 @@ impl Folder {
             [] => Err(fail(match uid {
                 Some(wanted) if !self.stacks.is_empty() => DicomProblem::NoSuchSeries {
                     wanted: wanted.escape_default().to_string(),
-                    table: self.table(),
+                    table: self.table_of_ct(),
                 },
                 _ => DicomProblem::NoSeries {
                     found: self.what_else(),
                 },
             })),
-            [first, rest @ ..] => {
-                let mixed = rest
-                    .iter()
-                    .all(|other| other.member.uid == first.member.uid);
-                let (count, table) = (chosen.len(), table(&lines_of(&chosen)));
-                Err(fail(match mixed {
-                    true => DicomProblem::Mixed { count, table },
-                    false => DicomProblem::Several { count, table },
-                }))
-            }
+            several => Err(fail(DicomProblem::Mixed {
+                count: several.len(),
+                table: table(&lines_of(several)),
+            })),
         }
+    }
+
+    /// The series of a CT in the folder, whether they can be read or not.
+    fn uids(&self) -> BTreeSet<&str> {
+        let stacks = self.stacks.iter().map(|stack| &stack.member.uid);
+        let faulty = self.faulty.iter().map(|faulty| &faulty.member.uid);
+        let all = stacks.chain(faulty).map(String::as_str);
+        all.filter(|uid| !uid.is_empty()).collect()
     }
 
     fn of_file(&self, file: &str, uid: Option<&str>) -> Result<&Candidate, DicomError> {
@@ -298,11 +311,9 @@ impl Folder {
             theirs.is_empty()
                 || Some(theirs.as_str()) == uid
                 || chosen.iter().any(|c| c.member.uid == *theirs)
-                || (chosen.is_empty() && uid.is_none())
+                || uid.is_none() && chosen.is_empty()
         };
-        // Where there is a choice still, that comes first.
-        let open = chosen.len() > 1;
-        self.faulty.iter().filter(|_| !open).find(of_choice)
+        self.faulty.iter().find(of_choice)
     }
 
     fn slice_error(&self, file: &str, problem: &Arc<SliceProblem>) -> DicomError {
@@ -385,6 +396,13 @@ impl Folder {
         table(&self.series())
     }
 
+    /// Those of it that are of a CT.
+    fn table_of_ct(&self) -> String {
+        let mut lines = self.series();
+        lines.retain(|line| line.state != SeriesState::Skipped);
+        table(&lines)
+    }
+
     fn what_else(&self) -> String {
         let mut parts: Vec<(String, usize)> = Vec::new();
         for skipped in &self.skipped {
@@ -394,8 +412,11 @@ impl Folder {
                 None => parts.push((reason, 1)),
             }
         }
-        if parts.is_empty() {
+        if parts.is_empty() && self.faulty.is_empty() {
             return "it is empty".to_owned();
+        }
+        if !self.faulty.is_empty() {
+            parts.push(("damaged".to_owned(), self.faulty.len()));
         }
         let parts = parts.iter().map(|(reason, count)| match count {
             1 => format!("one file is {reason}"),
@@ -473,9 +494,7 @@ fn look(path: &Path) -> (Membership, Kind) {
     let unknown = Membership::default;
     let metadata = match fs::metadata(path) {
         Ok(metadata) => metadata,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            return (unknown(), Kind::Skipped(Skip::DanglingLink));
-        }
+        Err(_) if path.is_symlink() => return (unknown(), Kind::Skipped(Skip::DanglingLink)),
         Err(error) => return (unknown(), Kind::Faulty(SliceProblem::Io(error))),
     };
     if metadata.is_dir() {
@@ -485,25 +504,25 @@ fn look(path: &Path) -> (Membership, Kind) {
         return (unknown(), Kind::Skipped(Skip::Special));
     }
     let len = metadata.len();
-    let read = || -> Result<(Membership, Kind), SliceProblem> {
-        let file = File::open(path).map_err(SliceProblem::Io)?;
-        let data_set = DataSet::open(BufReader::with_capacity(BUFFER, file))?;
-        let (member, kind) = classify(&data_set, len);
-        let large = len > MAX_FILE_BYTES && matches!(kind, Kind::Slice(_));
-        let too_large = Kind::Faulty(SliceProblem::TooLarge {
-            bytes: len,
-            limit: MAX_FILE_BYTES,
-        });
-        Ok((member, if large { too_large } else { kind }))
+    let file = match File::open(path) {
+        Ok(file) => BufReader::with_capacity(BUFFER, file),
+        Err(error) => return (unknown(), Kind::Faulty(SliceProblem::Io(error))),
     };
-    match caught(read) {
-        Some(Ok(found)) => found,
+    match caught(|| DataSet::open(file)) {
+        Some(Ok(data_set)) => {
+            let (member, kind) = classify(&data_set, len);
+            if len > MAX_FILE_BYTES && matches!(kind, Kind::Slice(_)) {
+                let (bytes, limit) = (len, MAX_FILE_BYTES);
+                return (
+                    member,
+                    Kind::Faulty(SliceProblem::TooLarge { bytes, limit }),
+                );
+            }
+            (member, kind)
+        }
         Some(Err(SliceProblem::NotDicom)) => (unknown(), Kind::Skipped(Skip::NotDicom)),
         Some(Err(problem)) => (unknown(), Kind::Faulty(problem)),
-        None => {
-            let problem = SliceProblem::Damaged("its elements do not fit together".to_owned());
-            (unknown(), Kind::Faulty(problem))
-        }
+        None => (unknown(), Kind::Faulty(SliceProblem::misfit())),
     }
 }
 

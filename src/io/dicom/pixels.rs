@@ -8,7 +8,7 @@ use std::borrow::Cow;
 use dicom_encoding::adapters::{PixelDataObject, RawPixelData};
 
 use super::elements::{DataSet, Pixels};
-use super::error::SliceProblem;
+use super::error::{SliceProblem, with_sources};
 use super::panics::caught;
 use super::slice::{Format, Slice};
 use super::syntax::{Packing, Syntax};
@@ -102,7 +102,7 @@ fn unpack(slice: &Slice, mut fragments: Vec<Vec<u8>>) -> Result<Vec<u8>, SlicePr
     });
     match decoded {
         Some(Ok(bytes)) => Ok(bytes),
-        Some(Err(error)) => Err(failed(error.to_string())),
+        Some(Err(error)) => Err(failed(with_sources(&error))),
         None => Err(failed("it is damaged".to_owned())),
     }
 }
@@ -170,21 +170,28 @@ impl PixelDataObject for Frame<'_> {
 /// Run-length encoded data begins with 64 bytes: how many segments there are, one for each byte of a sample,
 /// and where they begin (PS3.5, G.5). The decoder allocates what is written there.
 fn check_rle(format: Format, image: &[u8]) -> Result<(), SliceProblem> {
-    let segments = image
-        .first_chunk::<4>()
-        .map(|count| u32::from_le_bytes(*count))
-        .filter(|_| image.len() >= 64);
+    let number = |at: usize| {
+        let bytes = image.get(at..)?.first_chunk::<4>()?;
+        Some(u32::from_le_bytes(*bytes))
+    };
+    let (Some(found), Some(first), Some(second), true) =
+        (number(0), number(4), number(8), image.len() >= 64)
+    else {
+        return Err(SliceProblem::FragmentsCut);
+    };
     let expected = u32::from(format.allocated / 8);
+    let end = image.len() as u64;
     // Nothing is packed worse than one more byte for 128, but the decoder's memory is 64 times what there is.
-    let longest = 64 + format.plane_bytes() * 2;
-    match segments {
-        Some(found) if found == expected && image.len() as u64 <= longest + 1024 => Ok(()),
-        Some(found) => Err(SliceProblem::Packed {
-            found: format!("{found} run-length segments in {} bytes", image.len()),
-            expected: format!("{expected} in at most {} bytes", longest + 1024),
-        }),
-        None => Err(SliceProblem::FragmentsCut),
+    let longest = 1024 + format.plane_bytes() * 2;
+    let second = if expected == 2 { second.into() } else { end };
+    let ordered = 64 <= first && u64::from(first) <= second && second <= end;
+    if found == expected && ordered && end <= longest {
+        return Ok(());
     }
+    Err(SliceProblem::Packed {
+        found: format!("{found} run-length segments from {first} in {end} bytes"),
+        expected: format!("{expected} from 64 in at most {longest} bytes"),
+    })
 }
 
 /// What a packed image says of itself.

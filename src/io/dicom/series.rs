@@ -146,14 +146,7 @@ impl<'a> Series<'a> {
             .axis_iter_mut(Axis(0))
             .into_par_iter()
             .zip(&self.slices)
-            .map(|(plane, (file, slice))| {
-                let read = caught(|| self.slice(file, slice, plane));
-                read.unwrap_or_else(|| {
-                    Err(SliceProblem::Damaged(
-                        "its pixels do not fit together".to_owned(),
-                    ))
-                })
-            })
+            .map(|(plane, (file, slice))| self.slice(file, slice, plane))
             .collect();
         let mut lines = Vec::with_capacity(read.len());
         let mut padded = 0;
@@ -184,12 +177,14 @@ impl<'a> Series<'a> {
         mut plane: ArrayViewMut2<'_, T>,
     ) -> Result<(String, u64), SliceProblem> {
         let bytes = whole(&self.folder.join(file))?;
-        let data_set = DataSet::open(bytes.as_slice())?;
+        let data_set =
+            caught(|| DataSet::open(bytes.as_slice())).unwrap_or(Err(SliceProblem::Changed))?;
         match classify(&data_set, bytes.len() as u64) {
             (_, Kind::Slice(now)) if *now == *slice => {}
             _ => return Err(SliceProblem::Changed),
         }
-        let stored = pixels::stored(slice, &bytes, data_set)?;
+        let stored = caught(|| pixels::stored(slice, &bytes, data_set))
+            .unwrap_or_else(|| Err(SliceProblem::misfit()))?;
         let (format, rescale) = (slice.format, slice.rescale);
         let air = match self.converts {
             true => PADDING_HU,
