@@ -1,5 +1,5 @@
-//! DICOM series of every kind, sound and malformed. Sound ones are written with `dicom-object`, of which the
-//! reader under test uses nothing; malformed ones are those, damaged.
+//! DICOM series of every kind, sound and malformed. Sound ones are written with `dicom-object`, which the reader
+//! under test does not use; malformed ones are those, damaged.
 
 #![allow(
     clippy::unwrap_used,

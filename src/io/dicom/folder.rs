@@ -49,6 +49,10 @@ struct Candidate {
 
 impl Candidate {
     fn takes(&self, member: &Membership, slice: &Slice) -> bool {
+        // First, as this is asked of every file for every stack.
+        if self.member.uid != member.uid {
+            return false;
+        }
         let Some((_, first)) = self.slices.first() else {
             return true;
         };
@@ -63,7 +67,7 @@ impl Candidate {
             .zip(slice.spacing)
             .any(|(a, b)| (a - b).abs() > SAME_SPACING * a);
         let size = |slice: &Slice| (slice.format.rows, slice.format.columns);
-        self.member.uid == member.uid && size(first) == size(slice) && !turned && !stretched
+        size(first) == size(slice) && !turned && !stretched
     }
 
     fn stack(&self) -> Result<Stack, DicomProblem> {

@@ -79,8 +79,8 @@ fn unpack(slice: &Slice, mut fragments: Vec<Vec<u8>>) -> Result<Vec<u8>, SlicePr
     };
     match syntax.packing {
         Packing::Rle => check_rle(format, &image)?,
-        Packing::Jpeg => Packed::of_jpeg(&image).check(format)?,
-        Packing::Jpeg2000 => Packed::of_jpeg_2000(&image).check(format)?,
+        Packing::Jpeg => check_size(Packed::of_jpeg(&image), format)?,
+        Packing::Jpeg2000 => check_size(Packed::of_jpeg_2000(&image), format)?,
         _ => {}
     }
     let frame = Frame {
@@ -260,45 +260,39 @@ impl Packed {
     }
 }
 
-trait Check {
-    fn check(self, format: Format) -> Result<(), SliceProblem>;
-}
-
-impl Check for Option<Packed> {
-    /// Whether the image is the one that rows, columns and bits describe.
-    fn check(self, format: Format) -> Result<(), SliceProblem> {
-        let expected = || {
-            let Format {
-                rows,
-                columns,
-                allocated,
-                ..
-            } = format;
-            format!("{columns}×{rows} pixels, 1 component, {allocated}-bit samples")
-        };
-        let Some(found) = self else {
-            return Err(SliceProblem::Packed {
-                found: "no size that can be found".to_owned(),
-                expected: expected(),
-            });
-        };
-        let size = (found.columns, found.rows) == (format.columns as u64, format.rows as u64);
-        // A decoder gives one byte for up to 8 bits, and two for more.
-        let bytes = usize::from(found.bits.div_ceil(8)) == format.sample_bytes();
-        if size && bytes && found.components == 1 {
-            return Ok(());
-        }
-        let Packed {
-            columns,
+/// Whether a packed image is the one that rows, columns and bits describe.
+fn check_size(found: Option<Packed>, format: Format) -> Result<(), SliceProblem> {
+    let expected = || {
+        let Format {
             rows,
-            components,
-            bits,
-        } = found;
-        Err(SliceProblem::Packed {
-            found: format!("{columns}×{rows} pixels, {components} component(s), {bits} bits"),
+            columns,
+            allocated,
+            ..
+        } = format;
+        format!("{columns}×{rows} pixels, 1 component, {allocated}-bit samples")
+    };
+    let Some(found) = found else {
+        return Err(SliceProblem::Packed {
+            found: "no size that can be found".to_owned(),
             expected: expected(),
-        })
+        });
+    };
+    let size = (found.columns, found.rows) == (format.columns as u64, format.rows as u64);
+    // A decoder gives one byte for up to 8 bits, and two for more.
+    let bytes = usize::from(found.bits.div_ceil(8)) == format.sample_bytes();
+    if size && bytes && found.components == 1 {
+        return Ok(());
     }
+    let Packed {
+        columns,
+        rows,
+        components,
+        bits,
+    } = found;
+    Err(SliceProblem::Packed {
+        found: format!("{columns}×{rows} pixels, {components} component(s), {bits} bits"),
+        expected: expected(),
+    })
 }
 
 #[cfg(test)]

@@ -25,8 +25,9 @@ use crate::volume::{AnyVolume, Rescale, Sample, SampleType, Volume, zeroed};
 /// outside their field of view.
 pub const PADDING_HU: f64 = -1024.0;
 
-/// The most voxels of a series: 2¹⁵ slices of 512 × 512, a hundred times a head.
-const MAX_VOXELS: u64 = 1 << 33;
+/// The most voxels of a series: 2¹³ slices of 512 × 512, 25 times a head. Packed slices claim far more bytes than
+/// they have, and memory is asked for before they are unpacked.
+const MAX_VOXELS: u64 = 1 << 31;
 
 /// A series of a [`super::Folder`], its slices in order.
 #[derive(Debug)]
