@@ -1,10 +1,14 @@
-//! Files in and out: NIfTI-1, parallel gzip, and outputs that appear whole or not at all.
+//! Files in and out: NIfTI-1, DICOM series, parallel gzip, and outputs that appear whole or not at all.
 
 pub mod artifact;
+mod axes;
+pub mod dicom;
 pub mod digest;
 pub mod gzip;
 pub mod nifti;
 pub mod staging;
+
+pub use axes::StoredAxes;
 
 #[cfg(test)]
 mod tests {

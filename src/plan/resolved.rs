@@ -58,12 +58,14 @@ pub struct Plan {
 /// Where the voxels come from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CtSource {
-    /// A file, its path already relative to the working folder and not to the plan.
+    /// A file or a folder, its path already relative to the working folder and not to the plan.
     File {
-        /// The file to open.
+        /// The file to open, or the folder of slices.
         path: PathBuf,
         /// The SHA-256 that the plan pins its content to, as 64 lower-case hex digits.
         sha256: Option<String>,
+        /// The SeriesInstanceUID of the slices to read, where a folder holds several series.
+        series: Option<String>,
     },
     /// The built-in synthetic head.
     Phantom(Phantom),

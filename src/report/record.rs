@@ -62,11 +62,12 @@ pub struct Inputs {
 /// The CT that a run read.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CtRecord {
-    /// `nifti`, or `phantom` with its name.
+    /// `nifti`, `dicom`, or `phantom` with its name.
     pub source: &'static str,
     /// The built-in phantom's name.
     pub phantom: Option<&'static str>,
-    /// SHA-256 of the file's bytes; of a phantom's samples, little endian, x fastest. Hexadecimal.
+    /// SHA-256 of the file's bytes; of a series, as [`crate::io::dicom::Series::read`] makes it; of a
+    /// phantom's samples, little endian, x fastest. Hexadecimal.
     pub sha256: String,
     /// The type that samples are stored in.
     pub sample_type: SampleType,
@@ -74,7 +75,8 @@ pub struct CtRecord {
     pub slope: f64,
     /// HU of a stored zero.
     pub intercept: f64,
-    /// How the file stores its axes, as nibabel names it; a phantom is in LPS order.
+    /// How the file stores its axes, as nibabel names it; a series' are columns, rows and slices, a phantom
+    /// is in LPS order.
     pub stored_orientation: String,
     /// Size, spacing, position, in LPS order, mm.
     pub grid: Grid,

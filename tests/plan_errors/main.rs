@@ -276,6 +276,24 @@ fn ct() {
                 )],
             ),
             (
+                "a series of the phantom",
+                1,
+                &[Replace(
+                    "path = \"patient.nii.gz\"",
+                    "phantom = \"lee2001\"\nseries = \"1.2.3\"",
+                )],
+            ),
+            (
+                "a series that is no UID",
+                1,
+                &[Replace("[landmarks]", "series = \"1.2 3\"\n[landmarks]")],
+            ),
+            (
+                "a series that is a number",
+                1,
+                &[Replace("[landmarks]", "series = 4\n[landmarks]")],
+            ),
+            (
                 "a short pin",
                 1,
                 &[Replace("[landmarks]", "sha256 = \"e3b0c4\"\n[landmarks]")],

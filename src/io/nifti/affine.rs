@@ -3,9 +3,9 @@
 use glam::{DMat3, DQuat, DVec3};
 use nifti::NiftiHeader;
 
-use super::axes::StoredAxes;
 use super::error::NiftiProblem;
 use super::header::{Header, Transform, field};
+use crate::io::axes::{StoredAxes, place};
 use crate::space::{Grid, LpsPoint, RasPoint, ras_axes_to_lps};
 
 /// How far b² + c² + d² of a unit quaternion may exceed 1: `f32` rounding gives 4e-7. What passes is
@@ -141,53 +141,4 @@ fn mm_per_unit(header: &NiftiHeader) -> Result<f64, NiftiProblem> {
             "set it to 2 if the spacing is in mm",
         )),
     }
-}
-
-/// For each LPS axis the stored axis that it is taken from. The order settles ties (a scan turned by
-/// exactly 45°).
-const PERMUTATIONS: [[usize; 3]; 6] = [
-    [0, 1, 2],
-    [1, 0, 2],
-    [0, 2, 1],
-    [2, 1, 0],
-    [1, 2, 0],
-    [2, 0, 1],
-];
-
-/// The grid in LPS order, and where its axes are stored. `columns` are the stored axes in LPS mm.
-///
-/// Among the six ways to name the axes, the one with the largest sum of |cosines| to left, posterior and
-/// superior is taken: no axis is chosen before the others, so none is left with a poor match.
-fn place(
-    stored: [usize; 3],
-    columns: DMat3,
-    origin: LpsPoint,
-) -> Result<(Grid, StoredAxes), crate::space::GridError> {
-    let units = [0, 1, 2].map(|axis| columns.col(axis).normalize_or_zero());
-    let score =
-        |from: [usize; 3]| -> f64 { (0..3).map(|axis| units[from[axis]][axis].abs()).sum() };
-    let mut from = PERMUTATIONS[0];
-    for candidate in PERMUTATIONS {
-        if score(candidate) > score(from) {
-            from = candidate;
-        }
-    }
-    let mut axes = StoredAxes::LPS;
-    let mut origin = origin.0;
-    let mut direction = DMat3::ZERO;
-    let mut spacing = [0.0; 3];
-    for (lps, from) in from.into_iter().enumerate() {
-        let column = columns.col(from);
-        let flipped = column[lps] < 0.0;
-        axes.lps[from] = lps;
-        axes.flipped[from] = flipped;
-        spacing[lps] = column.length();
-        if flipped {
-            // The first voxel in LPS order is the last that is stored along this axis.
-            origin += column * (stored[from].saturating_sub(1)) as f64;
-        }
-        *direction.col_mut(lps) = if flipped { -column } else { column };
-    }
-    let grid = Grid::new(axes.to_lps(stored), spacing, LpsPoint(origin), direction)?;
-    Ok((grid, axes))
 }

@@ -27,7 +27,6 @@
 //! (which may be whole DICOM headers) can name the patient. Nothing of them is kept or written.
 
 mod affine;
-mod axes;
 mod error;
 mod header;
 mod samples;
@@ -39,11 +38,11 @@ use std::path::Path;
 
 use crate::volume::AnyVolume;
 
-pub use axes::{GridSlab, StoredAxes};
+pub use super::axes::StoredAxes;
 pub use error::{NiftiError, NiftiProblem, WriteError};
 pub use header::{ByteOrder, Transform};
 pub use template::Template;
-pub use write::{SLAB, save_displacement, save_volume};
+pub use write::{GridSlab, SLAB, save_displacement, save_volume};
 
 /// A volume as [`read`] found it.
 #[derive(Debug, Clone)]

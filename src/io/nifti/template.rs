@@ -3,9 +3,9 @@
 use glam::{DMat3, DVec3};
 
 use super::affine::Placement;
-use super::axes::StoredAxes;
 use super::error::NiftiProblem;
 use super::header::{ByteOrder, FIRST_OFFSET, HEADER_LEN, Header, Transform, at};
+use crate::io::axes::StoredAxes;
 use crate::space::{Grid, RasPoint, lps_axes_to_ras};
 use crate::volume::{Rescale, SampleType};
 

@@ -6,7 +6,6 @@ use std::path::Path;
 use ndarray::{Array3, ArrayView1, ArrayView3, ArrayViewMut3, Axis, Slice};
 use rayon::prelude::*;
 
-use super::axes::GridSlab;
 use super::error::WriteError;
 use super::header::{ByteOrder, FIRST_OFFSET, HEADER_LEN, at};
 use super::template::{RawHeader, Template};
@@ -20,6 +19,15 @@ const BATCH: usize = 4 << 20;
 
 /// Planes of a displacement field made together.
 pub const SLAB: usize = 16;
+
+/// Some planes of a grid: a box of voxels that reaches right across it along two axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GridSlab {
+    /// Its first voxel (x, y, z) in LPS order.
+    pub start: [usize; 3],
+    /// Its voxels along x, y and z.
+    pub dims: [usize; 3],
+}
 
 /// `NIFTI_INTENT_VECTOR`: the voxels are vectors. ITK takes their components as they are, in LPS;
 /// those of intent 1006 (displacement) it takes as RAS, and turns (ITK 5.4).

@@ -1,8 +1,11 @@
-//! How a file's axes lie in LPS order.
+//! How the axes of a file or a series lie in LPS order, and the grid in that order.
 
 use std::fmt;
 
+use glam::DMat3;
 use ndarray::{ArrayBase, Ix3, RawData};
+
+use crate::space::{Grid, GridError, LpsPoint};
 
 /// Where each stored axis (i fastest, then j, then k) points.
 ///
@@ -56,13 +59,56 @@ impl fmt::Display for StoredAxes {
     }
 }
 
-/// Some planes of a grid: a box of voxels that reaches right across it along two axes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GridSlab {
-    /// Its first voxel (x, y, z) in LPS order.
-    pub start: [usize; 3],
-    /// Its voxels along x, y and z.
-    pub dims: [usize; 3],
+/// For each LPS axis the stored axis that it is taken from. The order settles ties (a scan turned by
+/// exactly 45°).
+const PERMUTATIONS: [[usize; 3]; 6] = [
+    [0, 1, 2],
+    [1, 0, 2],
+    [0, 2, 1],
+    [2, 1, 0],
+    [1, 2, 0],
+    [2, 0, 1],
+];
+
+/// The grid in LPS order, and where its axes are stored. `columns` are the stored axes in LPS mm.
+///
+/// Among the six ways to name the axes, the one with the largest sum of |cosines| to left, posterior and
+/// superior is taken: no axis is chosen before the others, so none is left with a poor match.
+///
+/// # Errors
+/// [`GridError`] where the axes are no grid.
+pub(super) fn place(
+    stored: [usize; 3],
+    columns: DMat3,
+    origin: LpsPoint,
+) -> Result<(Grid, StoredAxes), GridError> {
+    let units = [0, 1, 2].map(|axis| columns.col(axis).normalize_or_zero());
+    let score =
+        |from: [usize; 3]| -> f64 { (0..3).map(|axis| units[from[axis]][axis].abs()).sum() };
+    let mut from = PERMUTATIONS[0];
+    for candidate in PERMUTATIONS {
+        if score(candidate) > score(from) {
+            from = candidate;
+        }
+    }
+    let mut axes = StoredAxes::LPS;
+    let mut origin = origin.0;
+    let mut direction = DMat3::ZERO;
+    let mut spacing = [0.0; 3];
+    for (lps, from) in from.into_iter().enumerate() {
+        let column = columns.col(from);
+        let flipped = column[lps] < 0.0;
+        axes.lps[from] = lps;
+        axes.flipped[from] = flipped;
+        spacing[lps] = column.length();
+        if flipped {
+            // The first voxel in LPS order is the last that is stored along this axis.
+            origin += column * (stored[from].saturating_sub(1)) as f64;
+        }
+        *direction.col_mut(lps) = if flipped { -column } else { column };
+    }
+    let grid = Grid::new(axes.to_lps(stored), spacing, LpsPoint(origin), direction)?;
+    Ok((grid, axes))
 }
 
 #[cfg(test)]
