@@ -4,6 +4,7 @@
 //!   the scan.
 //! - [`smooth`]: without shrinking; [`decimate()`]: down to a number of triangles. A closed mesh stays closed.
 //! - [`surface_change`]: how far a mesh lies outside or inside another surface.
+//! - [`solid`]: the bodies between the skin before and after.
 //! - [`write_stl`], [`write_ply`]: the files, in the patient's frame.
 //!
 //! Everything but the files is in grid millimetres. A mesh that comes from here is a closed oriented
@@ -16,6 +17,7 @@ mod decimate;
 mod extract;
 mod ply;
 mod smooth;
+pub mod solid;
 
 mod stl;
 
