@@ -99,7 +99,14 @@ fn the_example_of_the_format_resolves() {
     assert_eq!(plan.name, "two-operations");
     assert_eq!(plan.title.as_deref(), Some("Straighten, then reduce"));
     let path = PathBuf::from("plans").join("patient.nii.gz");
-    assert_eq!(plan.ct, CtSource::File { path, sha256: None });
+    assert_eq!(
+        plan.ct,
+        CtSource::File {
+            path,
+            sha256: None,
+            series: None
+        }
+    );
     for (landmark, voxel) in Landmark::ALL.iter().zip(VOXELS) {
         let point = plan.landmarks.get(*landmark).to_array();
         assert_near(point, to_grid(voxel));
@@ -438,21 +445,30 @@ fn the_border_of_the_volume_is_inside_in_every_frame() {
 fn paths_are_relative_to_the_plan_and_pins_are_lower_case() {
     let pin = "AB".repeat(32);
     let with = |path: &str| {
-        let ct = format!("path = \"{path}\"\nsha256 = \"{pin}\"");
+        let ct = format!("path = \"{path}\"\nsha256 = \"{pin}\"\nseries = \"1.2.3\"");
         let text = voxel_plan(ONE_STAGE).replace("phantom = \"lee2001\"", &ct);
         resolve(&text).ct
     };
     let sha256 = Some("ab".repeat(32));
+    let series = Some("1.2.3".to_owned());
     let path = PathBuf::from("plans/../ct/a b.nii");
     assert_eq!(
         with("../ct/a b.nii"),
         CtSource::File {
             path,
-            sha256: sha256.clone()
+            sha256: sha256.clone(),
+            series: series.clone(),
         }
     );
     let path = PathBuf::from("/data/a.nii");
-    assert_eq!(with("/data/a.nii"), CtSource::File { path, sha256 });
+    assert_eq!(
+        with("/data/a.nii"),
+        CtSource::File {
+            path,
+            sha256,
+            series
+        }
+    );
 }
 
 #[test]

@@ -55,11 +55,16 @@ pub(super) enum Command {
         #[arg(required = true, value_name = "PLAN")]
         plans: Vec<PathBuf>,
     },
-    /// Show grid, orientation, spacing and HU range of a volume.
+    /// Show grid, orientation, spacing and HU range of a volume; list the series of a folder.
+    #[command(after_help = EXIT_CODES)]
     Info {
-        /// A NIfTI-1 (.nii, .nii.gz) or NRRD (.nrrd, .nhdr) volume.
+        /// A NIfTI-1 (.nii, .nii.gz) or NRRD (.nrrd, .nhdr) volume, a folder of DICOM slices, or one slice of it.
         #[arg(value_name = "CT")]
         ct: PathBuf,
+
+        /// The SeriesInstanceUID to show, where a folder holds several series.
+        #[arg(long, value_name = "UID")]
+        series: Option<String>,
     },
     /// Print the landmarks of a 3D Slicer markups file, as a plan writes them.
     #[command(after_help = EXIT_CODES)]
@@ -71,6 +76,10 @@ pub(super) enum Command {
         /// The CT that the landmarks are on.
         #[arg(long, value_name = "CT")]
         ct: PathBuf,
+
+        /// The SeriesInstanceUID of the CT, where its folder holds several series.
+        #[arg(long, value_name = "UID")]
+        series: Option<String>,
     },
     /// Write the built-in synthetic head `lee2001`.
     Phantom {

@@ -6,12 +6,13 @@ use serde_json::json;
 
 use super::output::Output;
 use super::progress::Progress;
-use crate::exec::ct::{self, CtHeader, CtKind};
+use crate::exec::ct::{self, Ct, CtError, CtHeader, CtKind};
 use crate::exec::landmarks::LandmarksOnCt;
 use crate::exec::preflight::output_folder;
 use crate::exec::run::phases;
 use crate::exec::{self, ExitCode, Ready, Refusal, RunReport};
 use crate::io::artifact::Artifact;
+use crate::io::dicom::{self, DicomProblem, Folder, OtherFiles};
 use crate::io::nifti;
 use crate::plan::{CtSource, Phantom};
 use crate::space::Grid;
@@ -108,29 +109,78 @@ pub(super) fn check(plans: &[PathBuf], output: &Output) -> ExitCode {
 }
 
 /// `info`: what a volume is.
-pub(super) fn info(path: &Path, output: &Output) -> ExitCode {
-    let source = CtSource::File {
-        path: path.to_owned(),
-        sha256: None,
+pub(super) fn info(path: &Path, series: Option<&str>, output: &Output) -> ExitCode {
+    let result = if dicom::is_dicom(path) {
+        info_of_folder(path, series, output)
+    } else {
+        let source = CtSource::File {
+            path: path.to_owned(),
+            sha256: None,
+            series: series.map(str::to_owned),
+        };
+        ct::header(&source).and_then(|header| {
+            show(&header, &ct::load(&source)?, output);
+            Ok(())
+        })
     };
-    let (header, ct) = match ct::header(&source).and_then(|h| Ok((h, ct::load(&source)?))) {
-        Ok(both) => both,
+    match result {
+        Ok(()) => ExitCode::Done,
         Err(error) => {
             output.error(&error.to_string());
-            return ExitCode::Input;
+            ExitCode::Input
         }
+    }
+}
+
+/// The series of a folder, and what the one that is chosen is. A choice that is still to be made is no error.
+fn info_of_folder(path: &Path, series: Option<&str>, output: &Output) -> Result<(), CtError> {
+    let folder = Folder::scan(path)?;
+    output.set("series", folder.series());
+    output.set("other_files", folder.others());
+    if !folder.series().is_empty() {
+        output.result(&folder.table());
+    }
+    for OtherFiles {
+        because,
+        files,
+        first,
+    } in folder.others()
+    {
+        let and_more = if files > 1 {
+            format!(" and {} more", files - 1)
+        } else {
+            String::new()
+        };
+        output.result(&format!(
+            "  not in a series: `{first}`{and_more}: {because}"
+        ));
+    }
+    let chosen = match folder.choose(series) {
+        Err(error) if matches!(error.problem, DicomProblem::Several { .. }) => {
+            output.note("choose one with --series UID, and with `series` in [ct] of a plan");
+            return Ok(());
+        }
+        chosen => chosen?,
     };
+    show(
+        &CtHeader::of_series(&chosen),
+        &ct::load_series(&chosen)?,
+        output,
+    );
+    Ok(())
+}
+
+fn show(header: &CtHeader, ct: &Ct, output: &Output) {
     if let Some(warning) = header.warning() {
         output.warning(&warning);
     }
-    output.result(&describe(&header, &ct.record));
+    output.result(&describe(header, &ct.record));
     output.set("ct", &ct.record);
-    ExitCode::Done
 }
 
 /// `landmarks`: the points of a markups file on the grid of a CT, ready to paste into a plan.
-pub(super) fn landmarks(file: &Path, ct: &Path, output: &Output) -> ExitCode {
-    let found = match LandmarksOnCt::read(file, ct) {
+pub(super) fn landmarks(file: &Path, ct: &Path, series: Option<&str>, output: &Output) -> ExitCode {
+    let found = match LandmarksOnCt::read(file, ct, series) {
         Ok(found) => found,
         Err(error) => {
             output.error(&error.to_string());
@@ -223,6 +273,7 @@ fn describe(header: &CtHeader, record: &crate::report::record::CtRecord) -> Stri
     let position = match &header.kind {
         CtKind::Nifti(template) => format!("{:?}", template.transform()).to_lowercase(),
         CtKind::Nrrd { is_placed: true } => "space directions".to_owned(),
+        CtKind::Dicom { slices, .. } => format!("{slices} slices"),
         CtKind::Nrrd { is_placed: false } | CtKind::Phantom => "none".to_owned(),
     };
     format!(

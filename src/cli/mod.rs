@@ -70,8 +70,10 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
         } if *dry_run => commands::dry_run(plans, out, output),
         Command::Run { plans, out, .. } => commands::run(plans, out, output),
         Command::Check { plans } => commands::check(plans, output),
-        Command::Info { ct } => commands::info(ct, output),
-        Command::Landmarks { file, ct } => commands::landmarks(file, ct, output),
+        Command::Info { ct, series } => commands::info(ct, series.as_deref(), output),
+        Command::Landmarks { file, ct, series } => {
+            commands::landmarks(file, ct, series.as_deref(), output)
+        }
         Command::Phantom { output: path } => commands::phantom(path, output),
     }
 }

@@ -1,9 +1,11 @@
-//! The CT that a plan names: a NIfTI-1 or NRRD file, or the built-in phantom.
+//! The CT that a plan names: a NIfTI-1 or NRRD file, a series of DICOM slices, or the built-in phantom.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use crate::io::StoredAxes;
+use crate::io::dicom::{self, DicomError, Folder, Series};
 use crate::io::digest;
 use crate::io::nifti::{self, NiftiError, NiftiProblem, Template, Transform};
 use crate::io::nrrd::{self, NrrdError};
@@ -23,6 +25,18 @@ pub enum CtError {
     /// As [`CtError::Nifti`], of an NRRD file.
     #[error(transparent)]
     Nrrd(#[from] NrrdError),
+    /// The folder holds no series that can be read, or a choice of them.
+    #[error(transparent)]
+    Dicom(#[from] DicomError),
+    /// A series is asked for of a file that has none.
+    #[error(
+        "`{}` is no DICOM file or folder, so `ct.series` chooses nothing in it; remove the key, or name the folder",
+        path.display()
+    )]
+    NoSeries {
+        /// The file.
+        path: PathBuf,
+    },
     /// The file is not the one that the plan was made for.
     #[error(
         "the CT is not the one that the plan is pinned to: its SHA-256 is {found}, the plan's `ct.sha256` {expected}; use the pinned file, or check the landmarks on this one and change the pin"
@@ -63,25 +77,49 @@ pub enum CtKind {
         /// Whether it says where the volume is.
         is_placed: bool,
     },
+    /// A series of DICOM slices.
+    Dicom {
+        /// How many.
+        slices: usize,
+        /// Whether they were compressed with loss.
+        lossy: bool,
+    },
     /// The built-in head.
     Phantom,
 }
 
 impl CtHeader {
+    /// That of a series.
+    pub fn of_series(series: &Series<'_>) -> Self {
+        Self {
+            grid: series.grid().clone(),
+            kind: CtKind::Dicom {
+                slices: series.slices(),
+                lossy: series.is_lossy(),
+            },
+        }
+    }
+
     /// What the user should know of it.
     pub fn warning(&self) -> Option<String> {
-        let warning = match &self.kind {
-            CtKind::Nifti(template) if template.transform() == Transform::None => {
+        match &self.kind {
+            CtKind::Nifti(template) if template.transform() == Transform::None => Some(
                 "the CT's header gives no position (neither sform nor qform): left and right are taken as \
                  NIfTI's method 1 says, and may be swapped; check with a viewer"
-            }
-            CtKind::Nrrd { is_placed: false } => {
+                    .to_owned(),
+            ),
+            CtKind::Dicom { lossy: true, .. } => Some(
+                "the CT's slices were compressed with loss: Hounsfield units, and what is measured by them, are \
+                 approximate"
+                    .to_owned(),
+            ),
+            CtKind::Nrrd { is_placed: false } => Some(
                 "the CT's header gives no position (no `space`): its axes are taken for left, posterior and \
                  superior, and may be others; check with a viewer"
-            }
-            _ => return None,
-        };
-        Some(warning.to_owned())
+                    .to_owned(),
+            ),
+            _ => None,
+        }
     }
 }
 
@@ -102,6 +140,15 @@ pub struct Ct {
 /// [`CtError`] for a CT that [`load`] would refuse for its header.
 pub fn header(source: &CtSource) -> Result<CtHeader, CtError> {
     match source {
+        CtSource::File { path, series, .. } if dicom::is_dicom(path) => {
+            let folder = Folder::scan(path)?;
+            Ok(CtHeader::of_series(&folder.choose(series.as_deref())?))
+        }
+        CtSource::File {
+            path,
+            series: Some(_),
+            ..
+        } => Err(CtError::NoSeries { path: path.clone() }),
         CtSource::File { path, .. } if nrrd::is_nrrd(path) => {
             let header = nrrd::read_header(path)?;
             Ok(CtHeader {
@@ -130,28 +177,57 @@ pub fn header(source: &CtSource) -> Result<CtHeader, CtError> {
 /// # Errors
 /// [`CtError`] where it cannot be used, or is not the one that the plan pins.
 pub fn load(source: &CtSource) -> Result<Ct, CtError> {
-    match source {
-        CtSource::File { path, sha256 } => load_file(path, sha256.as_deref()),
-        CtSource::Phantom(phantom) => load_phantom(*phantom),
+    let ct = match source {
+        CtSource::File { path, series, .. } if dicom::is_dicom(path) => {
+            let folder = Folder::scan(path)?;
+            load_series(&folder.choose(series.as_deref())?)?
+        }
+        CtSource::File {
+            path,
+            series: Some(_),
+            ..
+        } => return Err(CtError::NoSeries { path: path.clone() }),
+        CtSource::File { path, .. } => load_file(path)?,
+        CtSource::Phantom(phantom) => return load_phantom(*phantom),
+    };
+    if let CtSource::File {
+        sha256: Some(expected),
+        ..
+    } = source
+        && *expected != ct.record.sha256
+    {
+        return Err(CtError::Pin {
+            expected: expected.clone(),
+            found: ct.record.sha256,
+        });
     }
+    Ok(ct)
 }
 
-fn load_file(path: &Path, pin: Option<&str>) -> Result<Ct, CtError> {
+fn load_file(path: &Path) -> Result<Ct, CtError> {
     let (format, scan) = if nrrd::is_nrrd(path) {
         ("nrrd", nrrd::read(path)?)
     } else {
         ("nifti", nifti::read(path)?)
     };
-    let found = digest::hex(&scan.sha256);
-    if let Some(expected) = pin
-        && expected != found
-    {
-        return Err(CtError::Pin {
-            expected: expected.to_owned(),
-            found,
-        });
-    }
-    let record = record(format, None, found, &scan.volume, &scan.template);
+    let sha256 = digest::hex(&scan.sha256);
+    let stored = scan.template.orientation();
+    let record = record(format, None, sha256, &scan.volume, stored);
+    Ok(Ct {
+        volume: scan.volume,
+        template: scan.template,
+        record,
+    })
+}
+
+/// A series, its header and its voxels. What is written of it is in LPS order.
+///
+/// # Errors
+/// [`CtError`] where a slice cannot be decoded.
+pub fn load_series(series: &Series<'_>) -> Result<Ct, CtError> {
+    let scan = series.read()?;
+    let stored = series.orientation();
+    let record = record("dicom", None, scan.sha256, &scan.volume, stored);
     Ok(Ct {
         volume: scan.volume,
         template: scan.template,
@@ -165,7 +241,8 @@ fn load_phantom(phantom: Phantom) -> Result<Ct, CtError> {
     let template = Template::for_grid(volume.grid(), SampleType::I16, Rescale::NONE)?;
     let sha256 = digest::sha256_hex_of(volume.as_slice().iter().map(|sample| sample.to_le_bytes()));
     let volume = AnyVolume::I16(volume);
-    let record = record("phantom", Some(phantom.name()), sha256, &volume, &template);
+    let stored = template.orientation();
+    let record = record("phantom", Some(phantom.name()), sha256, &volume, stored);
     Ok(Ct {
         volume,
         template,
@@ -178,7 +255,7 @@ fn record(
     phantom: Option<&'static str>,
     sha256: String,
     volume: &AnyVolume,
-    template: &Template,
+    stored: StoredAxes,
 ) -> CtRecord {
     fn rescale<T: Sample>(volume: &Volume<T>) -> Rescale {
         volume.rescale()
@@ -192,7 +269,7 @@ fn record(
         sample_type: volume.sample_type(),
         slope: rescale.slope,
         intercept: rescale.intercept,
-        stored_orientation: template.orientation().to_string(),
+        stored_orientation: stored.to_string(),
         grid: volume.grid().clone(),
         hu_range: [low, high],
     }

@@ -65,14 +65,15 @@ const DECIMALS: f64 = 1000.0;
 
 impl LandmarksOnCt {
     /// Reads the landmarks and the header of the CT. Voxel positions are rounded to three decimals, those
-    /// that a plan made from them has.
+    /// that a plan made from them has. `series` chooses among those of a folder.
     ///
     /// # Errors
     /// [`LandmarksError`] where either cannot be used, or a landmark is not in the CT.
-    pub fn read(file: &Path, ct: &Path) -> Result<Self, LandmarksError> {
+    pub fn read(file: &Path, ct: &Path, series: Option<&str>) -> Result<Self, LandmarksError> {
         let source = CtSource::File {
             path: ct.to_owned(),
             sha256: None,
+            series: series.map(str::to_owned),
         };
         let ct = ct::header(&source)?;
         let file = landmarks::read(file)?;

@@ -7,6 +7,7 @@ pub mod ct;
 pub mod error;
 pub mod events;
 pub mod landmarks;
+mod meshes;
 mod operation;
 pub mod pictures;
 pub mod preflight;

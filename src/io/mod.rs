@@ -1,13 +1,17 @@
-//! Files in and out: NIfTI-1, NRRD, 3D Slicer's landmarks, parallel gzip, and outputs that appear whole or not at all.
+//! Files in and out: NIfTI-1, NRRD, DICOM series, 3D Slicer's landmarks, parallel gzip, and outputs that appear
+//! whole or not at all.
 
 pub mod artifact;
 mod axes;
+pub mod dicom;
 pub mod digest;
 pub mod gzip;
 pub mod landmarks;
 pub mod nifti;
 pub mod nrrd;
 pub mod staging;
+
+pub use axes::StoredAxes;
 
 #[cfg(test)]
 mod tests {

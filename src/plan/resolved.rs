@@ -55,17 +55,21 @@ pub struct Plan {
     pub outputs: Outputs,
     /// What pictures show: given where, and only where, `outputs.views` is.
     pub views: Option<Views>,
+    /// How meshes are made: given where, and only where, `outputs.mesh` is.
+    pub mesh: Option<MeshSettings>,
 }
 
 /// Where the voxels come from.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CtSource {
-    /// A file, its path already relative to the working folder and not to the plan.
+    /// A file or a folder, its path already relative to the working folder and not to the plan.
     File {
-        /// The file to open.
+        /// The file to open, or the folder of slices.
         path: PathBuf,
         /// The SHA-256 that the plan pins its content to, as 64 lower-case hex digits.
         sha256: Option<String>,
+        /// The SeriesInstanceUID of the slices to read, where a folder holds several series.
+        series: Option<String>,
     },
     /// The built-in synthetic head.
     Phantom(Phantom),
@@ -253,4 +257,17 @@ pub struct Outputs {
     pub slices: bool,
     /// Charts of the measurements.
     pub charts: bool,
+    /// `skin.stl`, `bone.stl` and `skin.ply`, for the nose as it is and for each stage.
+    pub mesh: bool,
+    /// `augmentation.stl` and `resection.stl` for each stage.
+    pub solids: bool,
+    /// `displacement-inverse.nii.gz` for each stage.
+    pub inverse: bool,
+}
+
+/// How meshes are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct MeshSettings {
+    /// The most triangles of a mesh; none where there are as many as come.
+    pub triangles: Option<usize>,
 }

@@ -12,7 +12,7 @@ pub(super) const QUAD: usize = 4;
 /// Radius of a disc in voxels: the discs of neighbouring voxels overlap on a plane of any orientation. A
 /// plane across a body diagonal needs most: there the discs' centres form triangles of side √2 voxels
 /// whose middle is 0.82 voxels from them.
-const RADIUS: f32 = 1.2;
+const RADIUS: f32 = 1.1;
 /// The same for voxels of a flat end, which form a square lattice (0.71 voxels suffice) and shall not
 /// overhang it.
 const FLAT_RADIUS: f32 = 0.8;
@@ -38,6 +38,8 @@ pub(super) struct Eye {
     pixels_per_mm: f32,
     mm_per_pixel: f32,
     offset_step: f32,
+    /// Of a disc, along the axis in which voxels are furthest apart, mm.
+    longest_radius: f32,
     metric: Metric,
     /// The faces that may belong to a surface that the viewer sees.
     not_away: u8,
@@ -87,6 +89,10 @@ pub(super) struct Splat {
     pub a: f32,
     pub b: f32,
     pub c: f32,
+    /// b/a, 1/a, and (c - b²/a)/a: what the reach of a row needs.
+    slant: f32,
+    across: f32,
+    narrowing: f32,
     /// How far the ellipse reaches from its middle to either side, and up and down, pixels.
     pub half_width: f32,
     pub half_height: f32,
@@ -122,6 +128,7 @@ impl Eye {
             pixels_per_mm: (1.0 / mm) as f32,
             mm_per_pixel: mm as f32,
             offset_step: surface.offset_step() as f32,
+            longest_radius: RADIUS * spacing.max_element() as f32,
             metric: Metric {
                 rr: r.length_squared() as f32,
                 dd: d.length_squared() as f32,
@@ -160,6 +167,14 @@ impl Eye {
     pub(super) fn reach(&self, surface: &SemiBoundary) -> f32 {
         let voxel = surface.grid().spacing().max_element() as f32;
         (RADIUS + 1.28) * voxel * self.pixels_per_mm + 2.0
+    }
+
+    /// How far from its centre what a voxel draws can reach on the picture, pixels.
+    #[inline]
+    pub(super) fn disc_reach(&self, voxel: BoundaryVoxel) -> f32 {
+        // A flat end is half a voxel away.
+        let offset = (voxel.offset_steps() * self.offset_step).max(self.longest_radius / 2.0);
+        (offset + self.longest_radius) * self.pixels_per_mm + 1.0
     }
 
     /// What a voxel draws, its centre at `at` on the picture.
@@ -249,15 +264,21 @@ impl Eye {
         let scale = radius * radius / (a * c - b * b);
         let (xx, xy, yy) = (c * scale + LOW_PASS, -b * scale, a * scale + LOW_PASS);
         let det = xx * yy - xy * xy;
+        let (a, b, c) = (yy / det, -xy / det, xx / det);
+        let across = det / yy;
+        let slant = b * across;
         Splat {
             x: centre.x,
             y: centre.y,
             z: centre.z,
             zx,
             zy,
-            a: yy / det,
-            b: -xy / det,
-            c: xx / det,
+            a,
+            b,
+            c,
+            slant,
+            across,
+            narrowing: c * across - slant * slant,
             half_width: xx.sqrt(),
             half_height: yy.sqrt(),
             place,
@@ -349,8 +370,8 @@ impl Splat {
     /// does not reach so far.
     #[inline]
     pub(super) fn reach(&self, dy: f32) -> (f32, f32) {
-        let middle = -self.b * dy / self.a;
-        let square = middle * middle - (self.c * dy * dy - 1.0) / self.a;
+        let middle = -self.slant * dy;
+        let square = self.across - self.narrowing * dy * dy;
         if square <= 0.0 {
             return (0.0, 0.0);
         }

@@ -5,10 +5,12 @@
 
 use serde::Serialize;
 
+use super::meshes::{MeshesRecord, SolidsRecord};
 use crate::feature::{Cage, Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::measure::{REGION_NAMES, REGIONS};
 use crate::morph::audit::{FieldDifference, WarpAudit};
-use crate::plan::{Enhance, Morph, Outputs, Plan, Segment, SkinThreshold, Views};
+use crate::morph::inverse::InverseAudit;
+use crate::plan::{Enhance, MeshSettings, Morph, Outputs, Plan, Segment, SkinThreshold, Views};
 use crate::space::{ContinuousIndex, Grid, GridPoint, GridVector};
 use crate::volume::SampleType;
 
@@ -66,11 +68,12 @@ pub struct Inputs {
 /// The CT that a run read.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CtRecord {
-    /// `nifti`, `nrrd`, or `phantom` with its name.
+    /// `nifti`, `nrrd`, `dicom`, or `phantom` with its name.
     pub source: &'static str,
     /// The built-in phantom's name.
     pub phantom: Option<&'static str>,
-    /// SHA-256 of the file's bytes; of a phantom's samples, little endian, x fastest. Hexadecimal.
+    /// SHA-256 of the file's bytes; of a series, as [`crate::io::dicom::Series::read`] makes it; of a
+    /// phantom's samples, little endian, x fastest. Hexadecimal.
     pub sha256: String,
     /// The type that samples are stored in.
     pub sample_type: SampleType,
@@ -78,7 +81,8 @@ pub struct CtRecord {
     pub slope: f64,
     /// HU of a stored zero.
     pub intercept: f64,
-    /// How the file stores its axes, as nibabel names it; a phantom is in LPS order.
+    /// How the file stores its axes, as nibabel names it; a series' are columns, rows and slices, a phantom
+    /// is in LPS order.
     pub stored_orientation: String,
     /// Size, spacing, position, in LPS order, mm.
     pub grid: Grid,
@@ -105,6 +109,8 @@ pub struct PlanRecord {
     pub morph: Morph,
     pub outputs: Outputs,
     pub views: Option<Views>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<MeshSettings>,
 }
 
 /// Landmarks that were moved onto the skin. The plan's other positions are those after that.
@@ -184,6 +190,7 @@ impl PlanRecord {
             morph: plan.morph,
             outputs: plan.outputs,
             views: plan.views.clone(),
+            mesh: plan.mesh,
         }
     }
 }
@@ -217,6 +224,15 @@ pub struct StageRecord {
     /// How far the skin moved, where views are drawn.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_change: Option<SurfaceChange>,
+    /// The meshes, where they are written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub meshes: Option<MeshesRecord>,
+    /// The bodies between the skin before the first stage and this one, where they are written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub solids: Option<SolidsRecord>,
+    /// How well the map was inverted, where its inverse is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inverse: Option<InverseAudit>,
 }
 
 /// How far the skin that the views of a stage show lies from that before the first stage.

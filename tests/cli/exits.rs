@@ -194,7 +194,7 @@ fn cts_that_cannot_be_used() {
     fs::create_dir(desk.path().join("folder")).unwrap();
     for (ct, message) in [
         ("missing.nii", "cannot be read"),
-        ("folder", "is a folder"),
+        ("folder", "is a folder that holds no CT series: it is empty"),
         ("text.nii", "is not a NIfTI-1 file"),
         ("empty.nii", "is empty"),
         ("cut.nii", "1000 are missing at the end"),

@@ -11,6 +11,7 @@ mod exits;
 mod failures;
 mod head;
 mod landmarks;
+mod meshes;
 mod nrrd;
 mod outputs;
 mod process;

@@ -276,6 +276,24 @@ fn ct() {
                 )],
             ),
             (
+                "a series of the phantom",
+                1,
+                &[Replace(
+                    "path = \"patient.nii.gz\"",
+                    "phantom = \"lee2001\"\nseries = \"1.2.3\"",
+                )],
+            ),
+            (
+                "a series that is no UID",
+                1,
+                &[Replace("[landmarks]", "series = \"1.2 3\"\n[landmarks]")],
+            ),
+            (
+                "a series that is a number",
+                1,
+                &[Replace("[landmarks]", "series = 4\n[landmarks]")],
+            ),
+            (
                 "a short pin",
                 1,
                 &[Replace("[landmarks]", "sha256 = \"e3b0c4\"\n[landmarks]")],
@@ -579,9 +597,28 @@ fn settings() {
                 ],
             ),
             (
-                "an output that is not available yet",
+                "[mesh] without the output",
                 1,
-                &[Replace("\"displacement\"]", "\"mesh\"]")],
+                &[Replace(
+                    "[outputs]",
+                    "[mesh]\ntriangles = 200000\n[outputs]",
+                )],
+            ),
+            (
+                "meshes of too few triangles, and a key of another table",
+                2,
+                &[Replace(
+                    "\"displacement\"]",
+                    "\"mesh\"]\n[mesh]\ntriangles = 999\nsize = 1024",
+                )],
+            ),
+            (
+                "a number of triangles that is not whole",
+                1,
+                &[Replace(
+                    "\"displacement\"]",
+                    "\"solids\", \"mesh\", \"inverse\"]\nmesh.triangles = 2e5",
+                )],
             ),
             (
                 "outputs unknown and twice",

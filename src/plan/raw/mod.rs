@@ -13,7 +13,7 @@ use toml::de::DeTable;
 
 use super::decode::{Faults, Table, Value, describe, quote, small_integer};
 use super::diagnostic::{Code, Fault};
-use super::resolved::{Enhance, Morph, Outputs, Phantom, Segment, Views};
+use super::resolved::{Enhance, MeshSettings, Morph, Outputs, Phantom, Segment, Views};
 use super::source::{Located, Span};
 use crate::feature::{FeatureKind, Landmark, Landmarks};
 
@@ -46,6 +46,7 @@ pub(super) struct RawPlan {
     pub candidates: Vec<RawCandidate>,
     pub outputs: Outputs,
     pub views: Option<Views>,
+    pub mesh: Option<MeshSettings>,
 }
 
 /// Where the voxels come from, paths as written.
@@ -54,6 +55,7 @@ pub(super) enum RawCt {
     File {
         path: PathBuf,
         sha256: Option<String>,
+        series: Option<String>,
     },
     Phantom(Phantom),
 }
@@ -117,6 +119,7 @@ impl RawPlan {
             "candidate",
             "outputs",
             "views",
+            "mesh",
         ];
         // A missing key has no place; the first key of the file stands for the file.
         let first = document
@@ -154,6 +157,7 @@ impl RawPlan {
             morph: settings::morph(&table, faults),
             outputs: outputs.unwrap_or_default(),
             views: views::views(&table, outputs, faults),
+            mesh: settings::mesh(&table, outputs, faults),
             candidates: candidates::candidates(&table, faults),
         })
     }
@@ -244,15 +248,17 @@ fn title(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<Strin
 }
 
 fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
-    let expected = "[ct] with `path`, a volume file, or `phantom = \"lee2001\"`";
+    let expected =
+        "[ct] with `path`, a volume file or a folder of DICOM slices, or `phantom = \"lee2001\"`";
     let Some(value) = plan.get("ct") else {
         faults.missing(plan, "ct", expected);
         return (None, plan.span);
     };
-    let Some(table) = faults.table(value, "[ct]", &["path", "phantom", "sha256"]) else {
+    let Some(table) = faults.table(value, "[ct]", &["path", "phantom", "sha256", "series"]) else {
         return (None, value.span().into());
     };
     let sha256 = table.get("sha256").and_then(|value| sha256(value, faults));
+    let series = table.get("series").and_then(|value| series(value, faults));
     match (table.get("path"), table.get("phantom")) {
         (None, None) => {
             faults.missing(&table, "path", expected);
@@ -266,19 +272,32 @@ fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
             (None, phantom.span().into())
         }
         (Some(path), None) => {
-            let expected = "the path of a volume file, relative to the plan file";
-            let path_given = path_of(path, "`ct.path`", expected, faults)
-                .map(|path| RawCt::File { path, sha256 });
+            let expected =
+                "the path of a volume file or a folder of DICOM slices, relative to the plan file";
+            let path_given = path_of(path, "`ct.path`", expected, faults).map(|path| RawCt::File {
+                path,
+                sha256,
+                series,
+            });
             (path_given, path.span().into())
         }
         (None, Some(phantom)) => {
-            if table.get("sha256").is_some() {
-                let place = table.key_place("sha256");
-                let message = "`ct.sha256` pins a file's content; the phantom is built in";
-                let hint = "remove this key".to_owned();
-                let fault = Fault::new(Code::Conflict, place, message);
-                let fault = fault.found("`sha256` with `phantom`");
-                faults.push(fault.expected("no `sha256`").hint(hint));
+            for (key, message) in [
+                (
+                    "sha256",
+                    "`ct.sha256` pins a file's content; the phantom is built in",
+                ),
+                (
+                    "series",
+                    "`ct.series` chooses among DICOM slices; the phantom is built in",
+                ),
+            ] {
+                if table.get(key).is_some() {
+                    let fault = Fault::new(Code::Conflict, table.key_place(key), message);
+                    let fault = fault.found(format!("`{key}` with `phantom`"));
+                    let hint = "remove this key".to_owned();
+                    faults.push(fault.expected(format!("no `{key}`")).hint(hint));
+                }
             }
             let words = [(Phantom::Lee2001.name(), Phantom::Lee2001)];
             let word = faults.word(phantom, "`ct.phantom`", &words);
@@ -308,6 +327,17 @@ fn sha256(value: &Value<'_>, faults: &mut Faults) -> Option<String> {
         return None;
     }
     Some(digits.to_ascii_lowercase())
+}
+
+fn series(value: &Value<'_>, faults: &mut Faults) -> Option<String> {
+    let expected = "the SeriesInstanceUID that `rhinoplan info` shows, at most 64 characters";
+    let uid = faults.string(value, "`ct.series`", expected)?;
+    // As the standard has it, digits and points; some programs that hide names write other characters.
+    if uid.is_empty() || uid.len() > 64 || !uid.chars().all(|c| c.is_ascii_graphic()) {
+        faults.bad_value(value, "`ct.series`", "is not a UID", expected);
+        return None;
+    }
+    Some(uid.to_owned())
 }
 
 fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {

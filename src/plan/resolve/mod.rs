@@ -19,9 +19,14 @@ pub(super) use stages::misfits;
 /// Where the CT is. `folder` is the plan file's.
 pub(super) fn ct(ct: &RawCt, folder: &Path) -> CtSource {
     match ct {
-        RawCt::File { path, sha256 } => CtSource::File {
+        RawCt::File {
+            path,
+            sha256,
+            series,
+        } => CtSource::File {
             path: folder.join(path),
             sha256: sha256.clone(),
+            series: series.clone(),
         },
         RawCt::Phantom(phantom) => CtSource::Phantom(*phantom),
     }
@@ -53,6 +58,7 @@ pub(super) fn plan(raw: &RawPlan, folder: &Path, grid: &Grid, faults: &mut Fault
             candidates: candidates?,
             outputs: raw.outputs,
             views: raw.views.clone(),
+            mesh: raw.mesh,
         })
     };
     let plan = resolved();

@@ -1,0 +1,24 @@
+//! DICOM series of every kind, sound and malformed. Sound ones are written with `dicom-object`, which the reader
+//! under test does not use; malformed ones are those, damaged.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "helpers of tests, which clippy does not take for tests"
+)]
+
+mod builder;
+mod fuzz;
+mod geometry;
+mod hostile;
+mod program;
+mod real;
+mod selection;
+mod values;
+
+#[path = "../cli/head.rs"]
+#[allow(dead_code, reason = "shared with the tests of the program")]
+mod head;
+#[path = "../cli/process.rs"]
+#[allow(dead_code, reason = "shared with the tests of the program")]
+mod process;
