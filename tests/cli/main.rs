@@ -11,6 +11,7 @@ mod exits;
 mod failures;
 mod head;
 mod outputs;
+mod pictures;
 mod process;
 mod real;
 mod same;

@@ -6,11 +6,11 @@ use image::{Rgb, RgbImage};
 
 /// A channel may be off by this much of 255. The program gives the same bytes on every x86-64 machine; on
 /// another one, or after a change of arithmetic that is none of results, a shade may be rounded the other
-/// way, and an edge share be off by one sample of four at few pixels. Half of this is seen by nobody.
+/// way.
 pub const CHANNEL: u8 = 8;
 
-/// The share of pixels that may be off by more: those at an edge of which a sample fell on the other side. A
-/// face that moves by a pixel changes twenty times as many.
+/// The share of pixels that may be off by more: those at an edge of which one of the four samples fell on the
+/// other side. A face that moves by a pixel changes more than ten times as many (a test in `main.rs`).
 pub const SHARE: f64 = 0.001;
 
 /// Brightness of what is off by one in the difference; what is off by more than [`CHANNEL`] is red.

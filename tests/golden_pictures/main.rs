@@ -185,6 +185,24 @@ fn the_folder_holds_these_pictures_and_no_others_and_is_small() {
     assert!(bytes < MOST_BYTES, "{bytes} bytes");
 }
 
+#[test]
+fn a_view_that_moved_by_a_pixel_differs_clearly() {
+    for (gallery, place) in [(&FIG8, 0), (&FOUR_CANDIDATES, 0), (&TRANSLUCENT, 0)] {
+        let name = golden_name(gallery, gallery.pictures[place]);
+        let view = open(&golden_folder().join(&name));
+        let (width, height) = view.dimensions();
+        let moved = RgbImage::from_fn(width, height, |x, y| *view.get_pixel(x.max(1) - 1, y));
+        let Err(compare::Difference::Pixels { off, of, .. }) = compare(&view, &moved) else {
+            panic!("{name}: the shift is not seen");
+        };
+        println!("{name}: {off} of {of} pixels");
+        assert!(
+            off as f64 > 10.0 * compare::SHARE * of as f64,
+            "{name}: {off} of {of}"
+        );
+    }
+}
+
 /// The golden pictures themselves: a nose that is a little other is told from the one that is kept.
 #[test]
 fn pictures_of_two_noses_differ_and_are_left_side_by_side() {
