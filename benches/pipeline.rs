@@ -20,10 +20,12 @@ use rhinoplan::morph::stage::{StageLines, StageMap, Taper};
 use rhinoplan::morph::warp::warp;
 use rhinoplan::phantom::Phantom;
 use rhinoplan::plan::DEFAULT_SKIN_HU;
+use rhinoplan::render::{Camera, Direction, Object, Paint, SKIN, render};
 use rhinoplan::resample::{gaussian, half};
-use rhinoplan::segment::{Enhance, MEDIAN_SIDE, above, enhance, keep_largest, otsu};
-use rhinoplan::space::{Grid, GridPoint};
-use rhinoplan::volume::Volume;
+use rhinoplan::segment::{Enhance, MEDIAN_SIDE, above, enhance, keep_largest, otsu, segment};
+use rhinoplan::space::{ContinuousIndex, Grid, GridPoint};
+use rhinoplan::surface::{Region, SemiBoundary, semi_boundary, signed_distances};
+use rhinoplan::volume::{Mask, Volume};
 
 fn main() {
     divan::main();
@@ -217,6 +219,84 @@ fn enhance_smooth(bencher: Bencher<'_, '_>, size: [usize; 3]) {
     bencher
         .counter(voxels(size))
         .bench(|| enhance(black_box(volume), &settings));
+}
+
+/// As a run segments the skin: threshold and largest piece.
+fn skin_mask(volume: &Volume<i16>) -> Mask {
+    segment(volume, DEFAULT_SKIN_HU, true).expect("memory")
+}
+
+fn boundary(volume: &Volume<i16>, mask: &Mask) -> SemiBoundary {
+    semi_boundary(volume, mask, DEFAULT_SKIN_HU, Region::whole(volume.grid())).expect("memory")
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn segment_skin(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    bencher
+        .counter(voxels(size))
+        .bench(|| skin_mask(black_box(volume)));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn surface_skin(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    let mask = skin_mask(volume);
+    bencher
+        .counter(voxels(size))
+        .bench(|| boundary(black_box(volume), &mask));
+}
+
+/// How far the skin moved, counted in boundary voxels: of the first operation, where the nose is another.
+#[divan::bench(args = SIZES, sample_count = 3, sample_size = 1)]
+fn surface_change(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let case = case(size);
+    let field = Field::evaluated(case.full, &case.local, tenth_of_a_voxel());
+    let moved = warp(case.volume, &field);
+    let [before, after] = [case.volume, &moved].map(|volume| boundary(volume, &skin_mask(volume)));
+    bencher
+        .counter(ItemsCount::new(after.len()))
+        .bench(|| signed_distances(black_box(&after), &before, 60.0));
+}
+
+/// Pixels a side of the pictures that are drawn here: what plans get that give no size.
+const PICTURE: usize = 1024;
+
+/// A view, in pixels per second, framed as by the crop "face": on this head, all of it.
+fn view(bencher: Bencher<'_, '_>, size: [usize; 3], azimuth_deg: f64) {
+    let volume = head(size);
+    let surface = boundary(volume, &skin_mask(volume));
+    let (low, high) = surface.bounds().expect("a head");
+    let [low, high] = [low, high].map(|index| {
+        let index = ContinuousIndex::from(index.map(|at| at as f64));
+        volume.grid().index_to_grid(index).0
+    });
+    let side_mm = 1.06 * (high - low).x.max((high - low).z);
+    let mut centre = (low + high) / 2.0;
+    centre.y = low.y + 0.4 * side_mm;
+    let from = Direction {
+        azimuth_deg,
+        elevation_deg: 0.0,
+    };
+    let camera = Camera::new(from, GridPoint(centre), side_mm, PICTURE).expect("a camera");
+    let object = Object {
+        surface: &surface,
+        paint: Paint::Plain(SKIN),
+        opacity: 1.0,
+    };
+    bencher
+        .counter(ItemsCount::new(PICTURE * PICTURE))
+        .bench(|| render(black_box(&[object]), &camera));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn view_frontal(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    view(bencher, size, 0.0);
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn view_oblique_right(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    view(bencher, size, -45.0);
 }
 
 #[divan::bench(args = SIZES, sample_count = 3, sample_size = 1)]

@@ -20,7 +20,7 @@ use crate::report::meshes::{ChangeRecord, MeshRecord, MeshesRecord, SolidsRecord
 use crate::segment::{Enhance, enhance, segment};
 use crate::space::Grid;
 use crate::surface::{Region, SemiBoundary, SurfaceDistance, SurfaceError, semi_boundary};
-use crate::volume::{Mask, Sample, Volume};
+use crate::volume::{Mask, Volume};
 
 /// How far skin is looked for that moved, mm.
 const REACH_MM: f64 = 60.0;
@@ -44,10 +44,10 @@ pub(super) struct StageMeshes {
 
 impl<'a> Workshop<'a> {
     /// Finds the skin of the nose as it is, and writes its meshes where they are asked for.
-    pub(super) fn begin<T: Sample>(
+    pub(super) fn begin(
         plan: &'a Plan,
         skin_hu: f64,
-        preoperative: &Volume<T>,
+        preoperative: &Volume<f32>,
         staging: &mut Staging,
     ) -> Result<(Self, Option<MeshesRecord>), RunError> {
         let enhanced = match enhancement(plan) {
@@ -69,12 +69,12 @@ impl<'a> Workshop<'a> {
     }
 
     /// Writes the meshes and solids of a stage, as far as they are asked for.
-    pub(super) fn stage<T: Sample>(
+    pub(super) fn stage(
         &self,
         staging: &mut Staging,
         folder: &Path,
-        preoperative: &Volume<T>,
-        volume: &Volume<T>,
+        preoperative: &Volume<f32>,
+        volume: &Volume<f32>,
     ) -> Result<StageMeshes, RunError> {
         match (&self.enhanced, enhancement(self.plan)) {
             (Some(before), Some(settings)) => {
@@ -85,11 +85,11 @@ impl<'a> Workshop<'a> {
         }
     }
 
-    fn stage_on<T: Sample>(
+    fn stage_on(
         &self,
         staging: &mut Staging,
         folder: &Path,
-        [before, after]: [&Volume<T>; 2],
+        [before, after]: [&Volume<f32>; 2],
     ) -> Result<StageMeshes, RunError> {
         let (plan, skin_hu) = (self.plan, self.skin_hu);
         let grid = after.grid();
@@ -145,10 +145,10 @@ impl<'a> Workshop<'a> {
     }
 }
 
-fn begin_on<T: Sample>(
+fn begin_on(
     plan: &Plan,
     skin_hu: f64,
-    volume: &Volume<T>,
+    volume: &Volume<f32>,
     staging: &mut Staging,
 ) -> Result<(Mask, SemiBoundary, Option<MeshesRecord>), RunError> {
     let skin = segment(volume, skin_hu, plan.segment.keep_largest)?;
@@ -171,11 +171,7 @@ fn enhancement(plan: &Plan) -> Option<Enhance> {
     (!settings.is_none()).then_some(settings)
 }
 
-fn boundary<T: Sample>(
-    volume: &Volume<T>,
-    skin: &Mask,
-    skin_hu: f64,
-) -> Result<SemiBoundary, MeshError> {
+fn boundary(volume: &Volume<f32>, skin: &Mask, skin_hu: f64) -> Result<SemiBoundary, MeshError> {
     let surface: Result<_, SurfaceError> =
         semi_boundary(volume, skin, skin_hu, Region::whole(volume.grid()));
     Ok(surface?)
@@ -188,10 +184,10 @@ struct Written {
 }
 
 /// Writes `skin.stl` and `bone.stl`.
-fn write_meshes<T: Sample>(
+fn write_meshes(
     plan: &Plan,
     skin_hu: f64,
-    volume: &Volume<T>,
+    volume: &Volume<f32>,
     skin: &Mask,
     staging: &mut Staging,
     folder: &Path,
@@ -224,9 +220,9 @@ fn write_meshes<T: Sample>(
 }
 
 /// The mesh of an object, smoothed, with no more triangles than the plan allows; none where there is no object.
-fn make<T: Sample>(
+fn make(
     plan: &Plan,
-    volume: &Volume<T>,
+    volume: &Volume<f32>,
     mask: &Mask,
     threshold_hu: f64,
 ) -> Result<Option<(Mesh, MeshRecord)>, MeshError> {

@@ -14,6 +14,7 @@ pub mod preflight;
 pub mod run;
 pub mod skin;
 pub mod skin_landmarks;
+mod surfaces;
 mod timings;
 
 pub use error::{ExitCode, RunError};

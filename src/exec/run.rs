@@ -8,12 +8,11 @@ use serde::{Serialize, Serializer};
 use super::ct::{self, Ct};
 use super::error::RunError;
 use super::events::{Event, Observer, Phase, Place};
-use super::meshes::{StageMeshes, Workshop};
 use super::operation::Operation;
-use super::pictures::{Gallery, Profiles, write_charts, write_slices};
 use super::preflight::{Ready, output_folder};
 use super::skin::skin_hu;
 use super::skin_landmarks::{SkinLandmark, moved, skin_landmarks};
+use super::surfaces::{self, StageSurfaces, Surfaces};
 use super::timings::{Clock, Timings};
 use crate::feature::FeatureLine;
 use crate::io::artifact::{Artifact, ArtifactError};
@@ -28,7 +27,7 @@ use crate::morph::inverse::InverseAudit;
 use crate::plan::{Candidate, Method, Model, Plan, Scale};
 use crate::report::record::{
     CandidateRecord, FORMAT, Inputs, Measures, OperationRecord, PREOPERATIVE, PlanRecord, Program,
-    RunRecord, SnapRecord, SnappedLandmark, StageRecord, SurfaceChange,
+    RunRecord, SnapRecord, SnappedLandmark, StageRecord,
 };
 use crate::report::{csv, markdown};
 use crate::space::{Grid, GridPoint};
@@ -95,9 +94,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         staging: &mut staging,
         clock: &mut clock,
         warnings: Vec::new(),
-        gallery: None,
-        profiles: Profiles::default(),
-        workshop: None,
+        surfaces: None,
     };
     if let Some(warning) = ready.ct.warning() {
         session.warn(warning);
@@ -246,12 +243,8 @@ struct Session<'a, 'b> {
     staging: &'a mut Staging,
     clock: &'a mut Clock<'b>,
     warnings: Vec<String>,
-    /// Set once the surface of the nose as it is was found, where views are asked for.
-    gallery: Option<Gallery<'a>>,
-    /// Filled where charts are asked for.
-    profiles: Profiles,
-    /// Set once the skin of the nose as it is was found, where meshes or solids are asked for.
-    workshop: Option<Workshop<'a>>,
+    /// Set once the nose as it is was drawn, where anything is drawn or meshed.
+    surfaces: Option<Surfaces<'a>>,
 }
 
 impl Session<'_, '_> {
@@ -283,73 +276,20 @@ impl Session<'_, '_> {
             solids: None,
             inverse: None,
         };
-        self.start_pictures(preoperative)?;
-        if plan.outputs.mesh || plan.outputs.solids {
-            let staging = &mut *self.staging;
-            let (workshop, meshes) = self.clock.time(Phase::Meshes, None, || {
-                Workshop::begin(plan, skin_hu, preoperative, staging)
-            })?;
-            self.workshop = Some(workshop);
+        if surfaces::wanted(plan) {
+            let hu = preoperative.to_hu()?;
+            let (surfaces, meshes) = Surfaces::begin(plan, skin_hu, hu, self.staging, self.clock)?;
+            self.surfaces = Some(surfaces);
             start.meshes = meshes;
         }
         let candidates = plan.candidates.iter();
         let candidates: Vec<CandidateRecord> = candidates
             .map(|candidate| self.candidate(candidate, preoperative, start.clone()))
             .collect::<Result<_, _>>()?;
-        if plan.outputs.charts {
-            let (staging, profiles) = (&mut *self.staging, &self.profiles);
-            self.clock.time(Phase::Charts, None, || {
-                write_charts(staging, plan, preoperative.grid(), &candidates, profiles)
-            })?;
+        if let Some(surfaces) = &self.surfaces {
+            surfaces.finish(&candidates, self.staging, self.clock)?;
         }
         Ok(candidates)
-    }
-
-    /// What pictures of every stage need of the nose as it is.
-    fn start_pictures<T: Sample>(&mut self, preoperative: &Volume<T>) -> Result<(), RunError> {
-        let (plan, skin_hu) = (self.plan, self.skin_hu);
-        if plan.outputs.charts {
-            self.profiles = Profiles::preoperative(plan, skin_hu, preoperative)
-                .map_err(RunError::Preoperative)?;
-        }
-        if let Some(views) = &plan.views {
-            let find = || Gallery::new(plan, views, skin_hu, preoperative);
-            let mut gallery = self.clock.time(Phase::Surface, None, find)?;
-            let staging = &mut *self.staging;
-            let draw = || gallery.preoperative(staging);
-            self.clock.time(Phase::Views, None, draw)?;
-            self.gallery = Some(gallery);
-        }
-        Ok(())
-    }
-
-    /// The pictures of a stage.
-    fn pictures<T: Sample>(
-        &mut self,
-        preoperative: &Volume<T>,
-        volume: &Volume<T>,
-        folder: &Path,
-        tip: GridPoint,
-        at: Place<'_>,
-    ) -> Result<Option<SurfaceChange>, RunError> {
-        let (plan, skin_hu) = (self.plan, self.skin_hu);
-        let caption = format!("{}, {}", at.candidate, at.stage);
-        let mut change = None;
-        if let Some(gallery) = &self.gallery {
-            let find = || gallery.surfaces(volume);
-            let surfaces = self.clock.time(Phase::Surface, Some(at), find)?;
-            let staging = &mut *self.staging;
-            let draw = || gallery.stage(staging, folder, &caption, &surfaces);
-            change = self.clock.time(Phase::Views, Some(at), draw)?;
-        }
-        if plan.outputs.slices {
-            let staging = &mut *self.staging;
-            let volumes = [preoperative, volume];
-            self.clock.time(Phase::Slices, Some(at), || {
-                write_slices(staging, folder, plan, skin_hu, volumes, tip, &caption)
-            })?;
-        }
-        Ok(change)
     }
 
     fn candidate<T: Sample>(
@@ -421,15 +361,13 @@ impl Session<'_, '_> {
             })?;
         let folder = stage_folder(candidate, place);
         self.write(&field, &volume, &folder, at)?;
-        let surface_change = self.pictures(preoperative, &volume, &folder, stage.target.tip, at)?;
-        if plan.outputs.charts {
-            let added = self.profiles.add(plan, skin_hu, &volume);
-            added.map_err(|source| RunError::Measure {
-                at: at.into(),
-                source,
-            })?;
-        }
-        let StageMeshes { meshes, solids } = self.meshes(preoperative, &volume, &folder, at)?;
+        let drawn = match &mut self.surfaces {
+            None => StageSurfaces::default(),
+            Some(surfaces) => {
+                let to = (&mut *self.staging, &mut *self.clock);
+                surfaces.stage(&volume.to_hu()?, stage, &folder, at, to)?
+            }
+        };
         let inverse = self.inverse(&operation, &field, &folder, at)?;
         let record = StageRecord {
             name: stage.name.clone(),
@@ -444,29 +382,12 @@ impl Session<'_, '_> {
             warp,
             folded,
             adaptive_error,
-            surface_change,
-            meshes,
-            solids,
+            surface_change: drawn.change,
+            meshes: drawn.meshes.meshes,
+            solids: drawn.meshes.solids,
             inverse,
         };
         Ok((volume, record))
-    }
-
-    /// The meshes and solids of a stage.
-    fn meshes<T: Sample>(
-        &mut self,
-        preoperative: &Volume<T>,
-        volume: &Volume<T>,
-        folder: &Path,
-        at: Place<'_>,
-    ) -> Result<StageMeshes, RunError> {
-        let Some(workshop) = &self.workshop else {
-            return Ok(StageMeshes::default());
-        };
-        let staging = &mut *self.staging;
-        self.clock.time(Phase::Meshes, Some(at), || {
-            workshop.stage(staging, folder, preoperative, volume)
-        })
     }
 
     /// The way back, where it is asked for.

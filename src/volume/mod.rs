@@ -8,6 +8,7 @@ mod sample;
 mod trilinear;
 
 use ndarray::{Array3, ArrayView3, ArrayViewMut3};
+use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::space::Grid;
@@ -143,6 +144,18 @@ impl<T: Sample> Volume<T> {
     /// As [`Volume::as_slice`], to be written.
     pub fn as_mut_slice(&mut self) -> &mut [T] {
         self.samples.as_slice_mut().unwrap_or_default()
+    }
+
+    /// The same in Hounsfield units, each rounded to the nearest `f32` (exact for 16-bit samples without a
+    /// rescale): what is drawn or meshed, so that only what is written keeps to the sample's own type.
+    ///
+    /// # Errors
+    /// [`VolumeError::Memory`] where the machine has none.
+    pub fn to_hu(&self) -> Result<Volume<f32>, VolumeError> {
+        let mut hu = Volume::<f32>::zeros(self.grid.clone(), Rescale::NONE)?;
+        let samples = hu.as_mut_slice().par_iter_mut().zip(self.as_slice());
+        samples.for_each(|(hu, sample)| *hu = self.rescale.to_hu(sample.to_f64()) as f32);
+        Ok(hu)
     }
 
     /// Voxels of one z plane.

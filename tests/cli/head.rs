@@ -161,3 +161,16 @@ f1 = [{ tip_to = [32, 30, 12] }]
 pub fn plan(name: &str, ct: &str) -> String {
     plan_head(name, ct) + CANDIDATES
 }
+
+/// The names of the views of [`picture_plan`].
+pub const VIEWS: [&str; 3] = ["frontal", "lateral-left", "high-left"];
+
+/// As [`plan`], with every picture in place of volumes. The head has no bone; what is drawn as such is the
+/// denser of its tissue.
+pub fn picture_plan(name: &str, ct: &str) -> String {
+    let all = "write = [\"views\", \"slices\", \"charts\"]";
+    plan(name, ct).replace("write = [\"volume\", \"displacement\"]", all)
+        + "\n[segment]\nbone_hu = 46\n\n[views]\nnames = [\"frontal\", \"lateral-left\"]\n\
+           size = 256\nobjects = [\"skin\", \"bone\"]\nopacity = { skin = 0.5 }\n\n\
+           [[views.camera]]\nname = \"high-left\"\nazimuth = 30\nelevation = 20\n"
+}

@@ -14,6 +14,7 @@ mod landmarks;
 mod meshes;
 mod nrrd;
 mod outputs;
+mod pictures;
 mod process;
 mod real;
 mod same;

@@ -4,7 +4,7 @@ use rhinoplan::io::nifti::{read, read_header};
 use rhinoplan::volume::AnyVolume;
 use serde_json::Value;
 
-use crate::head::{DIMS, SPACING, gzip, nifti, plan};
+use crate::head::{DIMS, SPACING, gzip, nifti, picture_plan, plan};
 use crate::process::{Desk, names};
 
 const STAGES: [(&str, &str); 5] = [
@@ -265,31 +265,36 @@ fn timings_are_of_the_steps_that_a_dry_run_lists() {
         "[morph]\nmodel = \"lee2001\"\nmethod = \"exact\"\n",
     ];
     for more in variants {
-        let desk = Desk::new();
-        desk.write("ct.nii", nifti());
-        desk.write("plan.toml", plan("good", "ct.nii") + more);
-        let ran = desk
-            .run(&["run", "--dry-run", "plan.toml", "--json"])
-            .expect(0);
-        assert_eq!(
-            names(&desk.files("")),
-            ["ct.nii", "plan.toml"],
-            "nothing is computed"
-        );
-        let document = ran.document();
-        let steps = document["plans"][0]["steps"].as_array().unwrap();
-        desk.run(&["run", "plan.toml"]).expect(0);
-        let timings = desk.json("out/good/timings.json");
-        let phases = timings["phases"].as_array().unwrap();
-        assert_eq!(phases.len(), steps.len(), "{more}");
-        let mut sum = 0.0;
-        for (phase, step) in phases.iter().zip(steps) {
-            assert_eq!(phase["phase"], step["phase"], "{more}");
-            assert_eq!(phase["candidate"], step["at"]["candidate"], "{more}");
-            assert_eq!(phase["stage"], step["at"]["stage"], "{more}");
-            sum += phase["seconds"].as_f64().unwrap();
-        }
-        let total = timings["total_seconds"].as_f64().unwrap();
-        assert!(0.0 < sum && sum <= total, "{sum} of {total} s");
+        assert_timings_are_of_the_steps(&(plan("good", "ct.nii") + more));
     }
+    assert_timings_are_of_the_steps(&picture_plan("good", "ct.nii"));
+}
+
+fn assert_timings_are_of_the_steps(plan: &str) {
+    let desk = Desk::new();
+    desk.write("ct.nii", nifti());
+    desk.write("plan.toml", plan);
+    let ran = desk
+        .run(&["run", "--dry-run", "plan.toml", "--json"])
+        .expect(0);
+    assert_eq!(
+        names(&desk.files("")),
+        ["ct.nii", "plan.toml"],
+        "nothing is computed"
+    );
+    let document = ran.document();
+    let steps = document["plans"][0]["steps"].as_array().unwrap();
+    desk.run(&["run", "plan.toml"]).expect(0);
+    let timings = desk.json("out/good/timings.json");
+    let phases = timings["phases"].as_array().unwrap();
+    assert_eq!(phases.len(), steps.len(), "{plan}");
+    let mut sum = 0.0;
+    for (phase, step) in phases.iter().zip(steps) {
+        assert_eq!(phase["phase"], step["phase"], "{plan}");
+        assert_eq!(phase["candidate"], step["at"]["candidate"], "{plan}");
+        assert_eq!(phase["stage"], step["at"]["stage"], "{plan}");
+        sum += phase["seconds"].as_f64().unwrap();
+    }
+    let total = timings["total_seconds"].as_f64().unwrap();
+    assert!(0.0 < sum && sum <= total, "{sum} of {total} s");
 }

@@ -4,7 +4,7 @@ use std::io::Read;
 
 use flate2::read::MultiGzDecoder;
 
-use crate::head::{PATIENT, gzip, nifti_with_names, plan};
+use crate::head::{PATIENT, VIEWS, gzip, nifti_with_names, picture_plan, plan};
 use crate::process::Desk;
 
 const LEE2001_HALF: &str = "[morph]\nmodel = \"lee2001\"\nscale = \"half\"\n";
@@ -20,19 +20,39 @@ fn desk(folder: &str, ct: &str, more: &str) -> Desk {
 fn any_number_of_threads_and_any_run_gives_the_same_bytes() {
     for more in ["", LEE2001_HALF] {
         let desk = desk(".", "ct.nii.gz", more);
-        let runs = ["1", "2", "4", "1"].map(|threads| {
-            desk.run(&["run", "plan.toml", "--threads", threads])
-                .expect(0);
-            assert_eq!(
-                desk.json("out/good/timings.json")["threads"].to_string(),
-                threads
-            );
-            desk.results("out/good")
-        });
-        assert_eq!(runs[0].len(), 3 + 3 * 2);
-        for run in &runs[1..] {
-            assert!(*run == runs[0], "{more}");
+        assert_same_with_any_threads(&desk, 3 + 3 * 2);
+    }
+}
+
+#[test]
+fn any_number_of_threads_draws_the_same_pictures() {
+    // What is enhanced goes through other code than what is not.
+    for more in ["", "\n[enhance]\nmedian = 3\nsmooth = { mm = 1.0 }\n"] {
+        let desk = Desk::new();
+        desk.write("ct.nii.gz", gzip(&nifti_with_names()));
+        desk.write("plan.toml", picture_plan("good", "ct.nii.gz") + more);
+        let of_stage = 3 * VIEWS.len() + 4;
+        let charts = 4 * 3;
+        assert_same_with_any_threads(&desk, 3 + VIEWS.len() + 3 * of_stage + charts);
+    }
+}
+
+fn assert_same_with_any_threads(desk: &Desk, files: usize) {
+    let runs = ["1", "2", "4", "1"].map(|threads| {
+        desk.run(&["run", "plan.toml", "--threads", threads])
+            .expect(0);
+        assert_eq!(
+            desk.json("out/good/timings.json")["threads"].to_string(),
+            threads
+        );
+        desk.results("out/good")
+    });
+    assert_eq!(runs[0].len(), files);
+    for run in &runs[1..] {
+        for (name, bytes) in &runs[0] {
+            assert!(run.get(name) == Some(bytes), "{name}");
         }
+        assert_eq!(run.len(), files);
     }
 }
 

@@ -10,7 +10,7 @@ use crate::picture::{ProfilePlot, ProfileStage, Series, VolumeChart};
 use crate::plan::Plan;
 use crate::report::record::{CandidateRecord, StageRecord};
 use crate::space::{Grid, GridPoint};
-use crate::volume::{Sample, Volume};
+use crate::volume::Volume;
 
 /// How far above `nasal_bones` and below `lip` the profile goes, mm.
 const BEYOND_MM: f64 = 12.0;
@@ -25,10 +25,10 @@ pub(in crate::exec) struct Profiles {
 
 impl Profiles {
     /// Of the nose as it is.
-    pub(in crate::exec) fn preoperative<T: Sample>(
+    pub(in crate::exec) fn preoperative(
         plan: &Plan,
         skin_hu: f64,
-        volume: &Volume<T>,
+        volume: &Volume<f32>,
     ) -> Result<Self, MeasureError> {
         Ok(Self {
             preoperative: profile(plan, skin_hu, volume)?,
@@ -37,21 +37,21 @@ impl Profiles {
     }
 
     /// Adds the stage that was computed last.
-    pub(in crate::exec) fn add<T: Sample>(
+    pub(in crate::exec) fn add(
         &mut self,
         plan: &Plan,
         skin_hu: f64,
-        volume: &Volume<T>,
+        volume: &Volume<f32>,
     ) -> Result<(), MeasureError> {
         self.stages.push(profile(plan, skin_hu, volume)?);
         Ok(())
     }
 }
 
-fn profile<T: Sample>(
+fn profile(
     plan: &Plan,
     skin_hu: f64,
-    volume: &Volume<T>,
+    volume: &Volume<f32>,
 ) -> Result<Vec<GridPoint>, MeasureError> {
     let marks = &plan.landmarks;
     let plane = ProfilePlot::middle_plane(marks.nasal_bones, marks.lip);

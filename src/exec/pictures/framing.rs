@@ -71,14 +71,7 @@ impl Framing {
             } => {
                 let axis = plane.axis();
                 let at = (plan.f1.tip.0[axis] + offset_mm) / grid.spacing()[axis];
-                let last = (grid.dims()[axis] - 1) as f64;
-                let mut region = whole;
-                if keep.is_greater() {
-                    region.first[axis] = at.ceil().clamp(0.0, last) as usize;
-                } else {
-                    region.last[axis] = at.floor().clamp(0.0, last) as usize;
-                }
-                region
+                half(whole, axis, at, keep.is_greater())
             }
         };
         Self { region, nose }
@@ -131,6 +124,22 @@ impl Framing {
     }
 }
 
+/// The voxels of `whole` on one side of a plane across an axis, at a continuous index; those on the plane
+/// belong to either side. A region that holds none where that side has none.
+fn half(whole: Region, axis: usize, at: f64, greater: bool) -> Region {
+    let mut region = whole;
+    let end = whole.last[axis] + 1;
+    if greater {
+        // In range: at most one beyond the last voxel.
+        region.first[axis] = at.ceil().clamp(0.0, end as f64) as usize;
+    } else if at < 0.0 {
+        region.first[axis] = end;
+    } else {
+        region.last[axis] = at.floor().min(whole.last[axis] as f64) as usize;
+    }
+    region
+}
+
 /// The larger side of a box's picture, mm.
 fn extent(camera: &crate::plan::Camera, size: DVec3) -> f64 {
     // The field does not matter here.
@@ -173,6 +182,27 @@ pub(super) fn letters(toward: DVec3) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_plane_leaves_the_voxels_on_its_side_and_none_from_beyond_the_end() {
+        let whole = Region {
+            first: [0; 3],
+            last: [9; 3],
+        };
+        let left = |at: f64, greater: bool| {
+            let region = half(whole, 1, at, greater);
+            assert_eq!((region.first[0], region.last[2]), (0, 9));
+            (region.first[1]..=region.last[1]).collect::<Vec<_>>()
+        };
+        assert_eq!(left(6.5, true), [7, 8, 9]);
+        assert_eq!(left(7.0, true), [7, 8, 9]);
+        assert_eq!(left(2.5, false), [0, 1, 2]);
+        assert_eq!(left(9.0, true), [9]);
+        assert_eq!(left(0.0, false), [0]);
+        assert_eq!(left(-3.0, true).len(), 10);
+        assert_eq!(left(30.0, false).len(), 10);
+        assert!(left(9.1, true).is_empty() && left(-0.1, false).is_empty());
+    }
 
     #[test]
     fn letters_name_the_sides() {

@@ -9,7 +9,7 @@ use crate::io::staging::Staging;
 use crate::picture::{Plane, SliceSettings, SliceView, encode_png, slice};
 use crate::plan::Plan;
 use crate::space::GridPoint;
-use crate::volume::{Sample, Volume};
+use crate::volume::Volume;
 
 /// What is written: the three planes through the tip, and, as a coronal plane only touches the tip, one
 /// further back.
@@ -21,12 +21,12 @@ const SLICES: [(&str, Plane, f64); 4] = [
 ];
 
 /// Writes the slices of a stage into its folder. They show the volumes as they are, not enhanced.
-pub(in crate::exec) fn write_slices<T: Sample>(
+pub(in crate::exec) fn write_slices(
     staging: &mut Staging,
     folder: &Path,
     plan: &Plan,
     skin_hu: f64,
-    [before, after]: [&Volume<T>; 2],
+    [before, after]: [&Volume<f32>; 2],
     tip: GridPoint,
     caption: &str,
 ) -> Result<(), RunError> {

@@ -5,18 +5,18 @@ use super::framing::Framing;
 use crate::plan::{self, Plan};
 use crate::segment::{Enhance, enhance, segment};
 use crate::surface::{SemiBoundary, semi_boundary};
-use crate::volume::{Sample, Volume};
+use crate::volume::Volume;
 
 /// The surfaces of one volume, in the order in which the plan names them.
 pub(super) struct Surfaces(pub Vec<(plan::DrawnObject, SemiBoundary)>);
 
 impl Surfaces {
     /// Segments a volume, enhanced as the plan asks.
-    pub(super) fn new<T: Sample>(
+    pub(super) fn new(
         plan: &Plan,
         objects: &[plan::DrawnObject],
         skin_hu: f64,
-        volume: &Volume<T>,
+        volume: &Volume<f32>,
         framing: &Framing,
     ) -> Result<Self, PicturesError> {
         let settings = Enhance {
@@ -36,11 +36,11 @@ impl Surfaces {
         }
     }
 
-    fn of<T: Sample>(
+    fn of(
         plan: &Plan,
         objects: &[plan::DrawnObject],
         skin_hu: f64,
-        volume: &Volume<T>,
+        volume: &Volume<f32>,
         framing: &Framing,
     ) -> Result<Self, PicturesError> {
         let keep_largest = plan.segment.keep_largest;

@@ -17,7 +17,7 @@ use crate::plan::{Object as Drawn, Plan, Views};
 use crate::render::{BONE, Camera, Frame, Object, Paint, SKIN, render};
 use crate::report::record::SurfaceChange;
 use crate::surface::{SemiBoundary, signed_distances};
-use crate::volume::{Sample, Volume};
+use crate::volume::Volume;
 
 /// How far skin is looked for that moved, mm. Skin further away is drawn as unchanged.
 const REACH_MM: f64 = 60.0;
@@ -43,11 +43,11 @@ struct Taken<'a> {
 
 impl<'a> Gallery<'a> {
     /// Finds the surfaces of the nose as it is.
-    pub(in crate::exec) fn new<T: Sample>(
+    pub(in crate::exec) fn new(
         plan: &'a Plan,
         views: &'a Views,
         skin_hu: f64,
-        volume: &Volume<T>,
+        volume: &Volume<f32>,
     ) -> Result<Self, PicturesError> {
         let framing = Framing::new(plan, views, volume.grid());
         let before = Surfaces::new(plan, &views.objects, skin_hu, volume, &framing)?;
@@ -110,9 +110,9 @@ impl<'a> Gallery<'a> {
     }
 
     /// The surfaces of a stage.
-    pub(in crate::exec) fn surfaces<T: Sample>(
+    pub(in crate::exec) fn surfaces(
         &self,
-        volume: &Volume<T>,
+        volume: &Volume<f32>,
     ) -> Result<StageSurfaces, PicturesError> {
         let after = Surfaces::new(
             self.plan,
