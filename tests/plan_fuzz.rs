@@ -179,6 +179,7 @@ fn check_plan(plan: &Plan) {
             .is_none_or(|mm| mm > 0.0 && mm <= 10.0)
     );
     assert_eq!(plan.views.is_some(), plan.outputs.views);
+    assert_eq!(plan.mesh.is_some(), plan.outputs.mesh);
     if let Some(views) = &plan.views {
         check_views(views);
     }
@@ -257,7 +258,7 @@ fn damaged_plans_are_answered() {
     }
     // The damage is neither always fatal nor always harmless, and reaches every kind of fault.
     assert!(right > TRIALS / 50, "{right} of {TRIALS} are still plans");
-    assert!(seen.len() >= 12, "{seen:?}");
+    assert!(seen.len() >= 11, "{seen:?}");
 }
 
 /// Files of the largest size that are made to be slow or large: they are answered, in few words.

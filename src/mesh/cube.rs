@@ -147,8 +147,7 @@ mod tests {
 
     #[test]
     fn edges_are_what_their_names_say() {
-        for edge in 0..EDGES {
-            let start = EDGE_START[edge];
+        for (edge, start) in EDGE_START.into_iter().enumerate() {
             assert_eq!(start >> (edge / 4) & 1, 0);
             assert_eq!(edge_between(start, start | 1 << (edge / 4)), edge);
         }

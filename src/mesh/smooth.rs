@@ -15,7 +15,8 @@ const LAMBDA: f64 = 0.5;
 const MU: f64 = 1.0 / (0.1 - 1.0 / LAMBDA);
 
 /// Moves every vertex towards the mean of its neighbours and away again, `rounds` times, but for those that
-/// `stays` holds still. The mesh must be closed; its triangles stay as they are.
+/// `stays` holds still; then all by the same few micrometres along their normals, which gives back the volume that was
+/// lost. The mesh must be closed; its triangles stay as they are.
 ///
 /// Source: G. Taubin, *A signal processing approach to fair surface design*, SIGGRAPH 1995, DOI
 /// 10.1145/218380.218473.
@@ -28,6 +29,7 @@ pub fn smooth(
     stays: impl Fn(GridPoint) -> bool + Sync,
 ) -> Result<(), MeshError> {
     let neighbours = Neighbours::new(mesh)?;
+    let volume = mesh.volume();
     let mut moved = room(mesh.points.len())?;
     moved.resize(mesh.points.len(), GridPoint(DVec3::ZERO));
     for _ in 0..rounds {
@@ -42,6 +44,41 @@ pub fn smooth(
                 *to = GridPoint(if still { at } else { at + (mean - at) * step });
             });
             std::mem::swap(&mut mesh.points, &mut moved);
+        }
+    }
+    if rounds > 0 {
+        restore_volume(mesh, volume, stays)?;
+    }
+    Ok(())
+}
+
+/// Moves every vertex along its normal by the same distance, so that the mesh encloses `volume`. Plates of bone of a
+/// voxel or two lose a little even so: 0.2 % of a skull at 0.96 mm, which 6 µm make up for.
+fn restore_volume(
+    mesh: &mut Mesh,
+    volume: f64,
+    stays: impl Fn(GridPoint) -> bool + Sync,
+) -> Result<(), MeshError> {
+    // By how much the volume grows with a vertex: its triangles' area vectors, a third of each.
+    let mut growth = room(mesh.points.len())?;
+    growth.resize(mesh.points.len(), DVec3::ZERO);
+    for triangle in &mesh.triangles {
+        let [a, b, c] = mesh.corners(triangle);
+        let part = (b - a).cross(c - a) / 6.0;
+        for &point in triangle {
+            growth[point as usize] += part;
+        }
+    }
+    for (growth, point) in growth.iter_mut().zip(&mesh.points) {
+        if stays(*point) {
+            *growth = DVec3::ZERO;
+        }
+    }
+    let per_mm: f64 = growth.iter().map(|growth| growth.length()).sum();
+    let by = (volume - mesh.volume()) / per_mm;
+    if by.is_finite() {
+        for (point, growth) in mesh.points.iter_mut().zip(&growth) {
+            point.0 += growth.normalize_or_zero() * by;
         }
     }
     Ok(())

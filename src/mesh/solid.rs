@@ -192,12 +192,10 @@ impl Kept {
 /// has one in reach.
 fn thickness<T: Sample>(mesh: &Mesh, skin: &Skin<'_, T>, other: &Skin<'_, T>) -> Option<Thickness> {
     let at = |point: &GridPoint| {
-        let distances = [skin, other].map(|skin| skin.distance.signed(*point));
-        let [one, two] = distances.map(|distance| distance.unwrap_or(f64::NAN).abs());
-        // Not a number where either is.
-        if one > two { one } else { two + 0.0 * one }
+        let [one, two] = [skin, other].map(|skin| skin.distance.signed(*point));
+        Some(one?.abs().max(two?.abs()))
     };
-    let thickness: Vec<f64> = mesh.points().par_iter().map(at).collect();
+    let thickness: Vec<Option<f64>> = mesh.points().par_iter().map(at).collect();
     let mut found = Thickness {
         min: f64::INFINITY,
         mean: 0.0,
@@ -207,8 +205,7 @@ fn thickness<T: Sample>(mesh: &Mesh, skin: &Skin<'_, T>, other: &Skin<'_, T>) ->
     for triangle in mesh.triangles() {
         let weight = area(mesh.corners(triangle));
         for &point in triangle {
-            let thickness = thickness.get(point as usize).copied();
-            if let Some(thickness) = thickness.filter(|thickness| thickness.is_finite()) {
+            if let Some(&Some(thickness)) = thickness.get(point as usize) {
                 found.min = found.min.min(thickness);
                 found.max = found.max.max(thickness);
                 sum += thickness * weight;

@@ -271,20 +271,20 @@ fn solve(map: &impl Forward, sources: &Points, count: usize) -> Solved {
             trial.set(lane, trial.get(lane) - left.get(lane));
         }
         left = residuals_of(map, &trial, sources);
-        for lane in 0..count {
+        for (lane, failed) in failed.iter_mut().enumerate().take(count) {
             if left.get(lane).length_squared() < residuals.get(lane).length_squared() {
                 // One that is solved goes on to be so: later rounds only bring it nearer.
                 targets.set(lane, trial.get(lane));
                 residuals.set(lane, left.get(lane));
-                failed[lane] = 0;
+                *failed = 0;
             } else {
-                failed[lane] = failed[lane].saturating_add(1);
+                *failed = failed.saturating_add(1);
             }
         }
     }
-    for lane in 0..count {
+    for (lane, newton) in newton.iter_mut().enumerate().take(count) {
         if !is_solved(residuals.get(lane)) {
-            newton[lane] = true;
+            *newton = true;
             let (target, residual) = by_newton(map, targets.get(lane), sources.get(lane));
             targets.set(lane, target);
             residuals.set(lane, residual);

@@ -617,7 +617,7 @@ fn settings() {
                 1,
                 &[Replace(
                     "\"displacement\"]",
-                    "\"solids\", \"mesh\", \"inverse\"]\nmesh.triangles = 2e5",
+                    "\"solids\", \"mesh\", \"inverse\"]\n[mesh]\ntriangles = 2e5",
                 )],
             ),
             (
