@@ -8,6 +8,7 @@ pub mod exec;
 pub mod feature;
 pub mod io;
 pub mod measure;
+pub mod mesh;
 pub mod morph;
 pub mod phantom;
 pub mod picture;

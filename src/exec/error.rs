@@ -10,6 +10,7 @@ use crate::feature::LineError;
 use crate::io::artifact::ArtifactError;
 use crate::io::nifti::WriteError;
 use crate::measure::MeasureError;
+use crate::mesh::MeshError;
 use crate::resample::half::HalfError;
 use crate::volume::VolumeError;
 
@@ -111,6 +112,9 @@ pub enum RunError {
     /// A picture could not be made.
     #[error(transparent)]
     Pictures(#[from] PicturesError),
+    /// A surface could not be made a mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
     /// A table could not be made.
     #[error("cannot write a table: {0}")]
     Table(#[from] csv::Error),
@@ -126,7 +130,7 @@ impl RunError {
             Self::Ct(_) | Self::Skin(_) | Self::Preoperative(_) | Self::Measure { .. } => {
                 ExitCode::Input
             }
-            Self::Half(_) | Self::Volume(_) => ExitCode::Input,
+            Self::Half(_) | Self::Volume(_) | Self::Mesh(_) => ExitCode::Input,
             Self::Pictures(PicturesError::Camera(_) | PicturesError::Picture(_)) => ExitCode::Bug,
             Self::Pictures(PicturesError::Enhance(_)) => ExitCode::Usage,
             Self::Pictures(_) => ExitCode::Input,

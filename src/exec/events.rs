@@ -32,6 +32,10 @@ pub enum Phase {
     Slices,
     /// Profiles and bar charts.
     Charts,
+    /// Meshes and solids, from the volume to the files.
+    Meshes,
+    /// The inverse displacement, computed and written.
+    Inverse,
     /// Writing records and tables, and putting every file in place.
     Publish,
 }
@@ -53,6 +57,8 @@ impl Phase {
             Self::Views => "drawing views",
             Self::Slices => "drawing slices",
             Self::Charts => "drawing charts",
+            Self::Meshes => "making meshes",
+            Self::Inverse => "inverting the displacement field",
             Self::Publish => "writing tables",
         }
     }

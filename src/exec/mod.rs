@@ -6,6 +6,7 @@
 pub mod ct;
 pub mod error;
 pub mod events;
+mod meshes;
 mod operation;
 pub mod pictures;
 pub mod preflight;

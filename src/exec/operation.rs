@@ -10,6 +10,7 @@ use crate::morph::audit::{FieldDifference, WarpAudit};
 use crate::morph::chain::{Chain, Lattice};
 use crate::morph::field::{Evaluation, Field};
 use crate::morph::halfscale::CoarseDisplacement;
+use crate::morph::inverse::{ClosedForm, Inverse, Sampled};
 use crate::morph::stage::{StageLines, StageMap, Taper};
 use crate::morph::warp::warp;
 use crate::plan::{Candidate, Method, Model, Morph, Plan, Scale, Stage, Tolerance};
@@ -119,6 +120,18 @@ impl Operation {
         match self.morph.scale {
             Scale::Full => Ok(self.evaluated(self.evaluation(&self.full))),
             Scale::Half => self.upsampled(self.evaluation(&self.half)),
+        }
+    }
+
+    /// The way back, from the preoperative CT's voxels to this stage: of the map in closed form at full scale, of
+    /// [`Operation::displacement`], given as `field`, at half scale.
+    pub(super) fn inverse(&self, field: &Field<'_>) -> Result<Inverse, VolumeError> {
+        match self.morph.scale {
+            Scale::Full => Inverse::new(&ClosedForm {
+                chain: &self.composed,
+                lattice: &self.full,
+            }),
+            Scale::Half => Inverse::new(&Sampled::new(field)?),
         }
     }
 

@@ -8,6 +8,7 @@ use serde::{Serialize, Serializer};
 use super::ct::{self, Ct};
 use super::error::RunError;
 use super::events::{Event, Observer, Phase, Place};
+use super::meshes::{StageMeshes, Workshop};
 use super::operation::Operation;
 use super::pictures::{Gallery, Profiles, write_charts, write_slices};
 use super::preflight::{Ready, output_folder};
@@ -21,6 +22,7 @@ use crate::measure::{MeasureError, NoseGeometry, Slabs, region_volumes};
 use crate::morph::audit::WarpAudit;
 use crate::morph::displacement::fill_component;
 use crate::morph::field::Field;
+use crate::morph::inverse::InverseAudit;
 use crate::plan::{Candidate, Method, Model, Plan, Scale};
 use crate::report::record::{
     CandidateRecord, FORMAT, Inputs, Measures, OperationRecord, PREOPERATIVE, PlanRecord, Program,
@@ -79,6 +81,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         warnings: Vec::new(),
         gallery: None,
         profiles: Profiles::default(),
+        workshop: None,
     };
     if let Some(warning) = ready.ct.warning() {
         session.warn(warning);
@@ -119,6 +122,7 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
         (Phase::Measure, true),
         (Phase::Surface, outputs.views),
         (Phase::Views, outputs.views),
+        (Phase::Meshes, outputs.mesh || outputs.solids),
     ];
     let mut phases: Vec<(Phase, Option<Place<'_>>)> = Vec::new();
     let wanted = at_start.into_iter().filter(|(_, wanted)| *wanted);
@@ -142,6 +146,8 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
                 (Phase::Surface, outputs.views),
                 (Phase::Views, outputs.views),
                 (Phase::Slices, outputs.slices),
+                (Phase::Meshes, outputs.mesh || outputs.solids),
+                (Phase::Inverse, outputs.inverse),
             ];
             let wanted = of_stage.into_iter().filter(|(_, wanted)| *wanted);
             phases.extend(wanted.map(|(phase, _)| (phase, Some(place))));
@@ -179,6 +185,8 @@ struct Session<'a, 'b> {
     gallery: Option<Gallery<'a>>,
     /// Filled where charts are asked for.
     profiles: Profiles,
+    /// Set once the skin of the nose as it is was found, where meshes or solids are asked for.
+    workshop: Option<Workshop<'a>>,
 }
 
 impl Session<'_, '_> {
@@ -198,7 +206,7 @@ impl Session<'_, '_> {
                 measure(plan, skin_hu, preoperative, plan.f1, plan.f1)
             })
             .map_err(RunError::Preoperative)?;
-        let start = StageRecord {
+        let mut start = StageRecord {
             name: PREOPERATIVE.to_owned(),
             operation: None,
             measures,
@@ -206,8 +214,19 @@ impl Session<'_, '_> {
             folded: false,
             adaptive_error: None,
             surface_change: None,
+            meshes: None,
+            solids: None,
+            inverse: None,
         };
         self.start_pictures(preoperative)?;
+        if plan.outputs.mesh || plan.outputs.solids {
+            let staging = &mut *self.staging;
+            let (workshop, meshes) = self.clock.time(Phase::Meshes, None, || {
+                Workshop::begin(plan, skin_hu, preoperative, staging)
+            })?;
+            self.workshop = Some(workshop);
+            start.meshes = meshes;
+        }
         let candidates = plan.candidates.iter();
         let candidates: Vec<CandidateRecord> = candidates
             .map(|candidate| self.candidate(candidate, preoperative, start.clone()))
@@ -345,6 +364,8 @@ impl Session<'_, '_> {
                 source,
             })?;
         }
+        let StageMeshes { meshes, solids } = self.meshes(preoperative, &volume, &folder, at)?;
+        let inverse = self.inverse(&operation, &field, &folder, at)?;
         let record = StageRecord {
             name: stage.name.clone(),
             operation: Some(OperationRecord {
@@ -359,8 +380,63 @@ impl Session<'_, '_> {
             folded,
             adaptive_error,
             surface_change,
+            meshes,
+            solids,
+            inverse,
         };
         Ok((volume, record))
+    }
+
+    /// The meshes and solids of a stage.
+    fn meshes<T: Sample>(
+        &mut self,
+        preoperative: &Volume<T>,
+        volume: &Volume<T>,
+        folder: &Path,
+        at: Place<'_>,
+    ) -> Result<StageMeshes, RunError> {
+        let Some(workshop) = &self.workshop else {
+            return Ok(StageMeshes::default());
+        };
+        let staging = &mut *self.staging;
+        self.clock.time(Phase::Meshes, Some(at), || {
+            workshop.stage(staging, folder, preoperative, volume)
+        })
+    }
+
+    /// The way back, where it is asked for.
+    fn inverse(
+        &mut self,
+        operation: &Operation,
+        field: &Field<'_>,
+        folder: &Path,
+        at: Place<'_>,
+    ) -> Result<Option<InverseAudit>, RunError> {
+        if !self.plan.outputs.inverse {
+            return Ok(None);
+        }
+        let path = self
+            .staging
+            .begin(folder.join("displacement-inverse.nii.gz"))?;
+        let template = self.template;
+        let audit = self.clock.time(Phase::Inverse, Some(at), || {
+            let inverse = operation.inverse(field)?;
+            save_displacement(&path, template, |component, slab, to| {
+                inverse.fill_component(template.grid(), component, slab.start, to);
+            })?;
+            Ok::<_, RunError>(inverse.audit())
+        })?;
+        if audit.not_converged > 0 {
+            self.warn(format!(
+                "candidate `{}`, stage `{}`: the map has no inverse within {} voxels at {} of the CT's voxels; the nearest found is up to {:.3} mm off",
+                at.candidate,
+                at.stage,
+                audit.tolerance_voxels,
+                audit.not_converged,
+                audit.residual_max_mm
+            ));
+        }
+        Ok(Some(audit))
     }
 
     fn write<T: Sample>(

@@ -10,6 +10,7 @@
 //! - [`chain`]: several stages composed, on a lattice of voxels.
 //! - [`field`]: source positions for tiles of voxels, exactly or on an octree.
 //! - [`warp`]: a volume sampled through a field; [`displacement`]: a field as LPS vectors.
+//! - [`inverse`]: the way back, from the preoperative CT to a stage.
 //! - [`audit`]: is the map folded, how far does it move tissue, how far is adaptive from exact.
 //!
 //! Everything here works on [`Points`]: positions in voxels of one [`Lattice`], target positions going
@@ -22,6 +23,7 @@ pub mod displacement;
 mod exact;
 pub mod field;
 pub mod halfscale;
+pub mod inverse;
 mod octree;
 pub mod pair;
 mod points;

@@ -9,6 +9,7 @@ use super::audit::{FieldDifference, WarpAudit};
 use super::chain::{Chain, Lattice};
 use super::field::{Evaluation, Field};
 use super::halfscale::CoarseDisplacement;
+use super::inverse::{ClosedForm, Forward, Inverse, Sampled, TOLERANCE};
 use super::pair::Frame;
 use super::reference::LineSum;
 use super::stage::{StageLines, StageMap, Taper};
@@ -625,4 +626,111 @@ proptest! {
 #[test]
 fn epsilon_is_the_decided_one() {
     assert_eq!(EPSILON, 1e-3);
+}
+
+/// Largest distance, in voxels, from a preoperative voxel to where the map takes its inverse; and how many move.
+fn worst_residual(map: &impl Forward, inverse: &Inverse) -> (f64, usize) {
+    let [nx, ny, nz] = map.lattice().dims();
+    let mut worst = 0.0_f64;
+    let mut moved = 0;
+    for z in 0..nz {
+        for y in 0..ny {
+            for x in (0..nx).step_by(LANES) {
+                let sources = Points::row([x, y, z]);
+                let mut there = sources.clone();
+                let count = LANES.min(nx - x);
+                for lane in 0..count {
+                    let by = inverse.at([x + lane, y, z]);
+                    moved += usize::from(by != DVec3::ZERO);
+                    there.set(lane, there.get(lane) + by);
+                }
+                map.to_source(&mut there);
+                for lane in 0..count {
+                    worst = worst.max((there.get(lane) - sources.get(lane)).length());
+                }
+            }
+        }
+    }
+    (worst, moved)
+}
+
+#[test]
+fn the_inverse_of_two_stages_leads_back() {
+    let full = Lattice::full(&grid());
+    let (first, second) = (moved([5.0, 1.0, 2.0]), moved([2.0, -2.5, 0.0]));
+    for stages in [
+        vec![
+            local(preoperative(), first, 0.9, &full),
+            local(first, second, 1.0, &full),
+        ],
+        vec![
+            lee2001(preoperative(), first, &full),
+            lee2001(first, second, &full),
+        ],
+    ] {
+        let chain = Chain::new(stages);
+        let map = ClosedForm {
+            chain: &chain,
+            lattice: &full,
+        };
+        let inverse = Inverse::new(&map).unwrap();
+        let audit = inverse.audit();
+        assert_eq!(audit.not_converged, 0, "{audit:?}");
+        let (worst, moved) = worst_residual(&map, &inverse);
+        // The inverse is kept in single precision.
+        assert!(worst <= TOLERANCE + 1e-5, "{worst}");
+        assert!(moved > 20_000, "{moved}");
+        assert!(audit.displacement_max_mm > 2.0);
+        // Nothing moves where the map does not.
+        for voxel in [[0, 0, 0], [99, 89, 51], [45, 80, 20]] {
+            let at = DVec3::from_array(voxel.map(|n: usize| n as f64));
+            assert_eq!(inverse.at(voxel) == DVec3::ZERO, !chain.moves(at));
+        }
+    }
+}
+
+#[test]
+fn at_half_scale_the_field_that_is_written_is_inverted() {
+    let (full, half) = (Lattice::full(&grid()), Lattice::half(&grid()));
+    let target = moved([4.0, 1.5, 2.0]);
+    let chain = Chain::new(vec![local(preoperative(), target, 1.0, &full)]);
+    let on_half = Chain::new(vec![local(preoperative(), target, 1.0, &half)]);
+    let coarse = CoarseDisplacement::new(half, &on_half, Evaluation::Exact).unwrap();
+    let field = Field::upsampled(full, &chain, coarse);
+    let map = Sampled::new(&field).unwrap();
+    let mut written = ndarray::Array3::zeros((52, 90, 100));
+    super::displacement::fill_component(&field, &grid(), 0, [0; 3], written.view_mut());
+    let mut at = Points::splat(DVec3::new(44.0, 18.0, 27.0));
+    map.to_source(&mut at);
+    let by = (at.get(0) - DVec3::new(44.0, 18.0, 27.0)) * grid().spacing();
+    let by = grid().grid_vector_to_lps(crate::space::GridVector(by));
+    assert!((by.0.x as f32 - written[[27, 18, 44]]).abs() < 1e-5);
+    assert!(written[[27, 18, 44]].abs() > 1.0);
+    let inverse = Inverse::new(&map).unwrap();
+    assert_eq!(inverse.audit().not_converged, 0, "{:?}", inverse.audit());
+    let (worst, moved) = worst_residual(&map, &inverse);
+    assert!(
+        worst <= TOLERANCE + 1e-5 && moved > 10_000,
+        "{worst} {moved}"
+    );
+}
+
+#[test]
+fn a_folded_map_says_what_has_no_inverse() {
+    let full = Lattice::full(&grid());
+    // Further than the taper can take up.
+    let target = moved([30.0, 0.0, 0.0]);
+    let stage = local(preoperative(), target, 1.0, &full);
+    let nose = NoseBox::new(&landmarks(), &preoperative(), &target);
+    let chain = Chain::new(vec![stage]);
+    assert!(WarpAudit::new(&chain, &full, &nose).jacobian_min < 0.0);
+    let map = ClosedForm {
+        chain: &chain,
+        lattice: &full,
+    };
+    let inverse = Inverse::new(&map).unwrap();
+    let audit = inverse.audit();
+    let (worst, _) = worst_residual(&map, &inverse);
+    assert_eq!(audit.not_converged > 0, worst > 2.0 * TOLERANCE);
+    assert!(audit.newton > 0);
 }

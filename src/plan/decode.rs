@@ -446,6 +446,7 @@ fn home(key: &str) -> Option<&'static str> {
         "camera" => "[views], as [[views.camera]]",
         "azimuth" | "elevation" => "[[views.camera]]",
         "write" => "[outputs]",
+        "triangles" => "[mesh]",
         "stage" => "[[candidate]], as [[candidate.stage]]",
         "f1" => "[[candidate.stage]]",
         "move_tip" | "move_root" | "tip_to" | "root_to" | "project" | "rotate" | "lengthen"

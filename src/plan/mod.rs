@@ -24,6 +24,6 @@ pub use file::{MAX_PLAN_BYTES, PlanFile, PlanReadError};
 pub use resolved::{
     Camera, Candidate, Clip, Crop, CtSource, CutPlane, DEFAULT_BONE_HU, DEFAULT_CAGE_DEPTH_MM,
     DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, DEFAULT_VIEW_SIZE, DrawnObject, Enhance,
-    Method, Model, Morph, Object, Outputs, Phantom, Plan, STANDARD_VIEWS, Scale, Segment, Side,
-    SkinThreshold, Stage, StandardView, Tolerance, Views,
+    MeshSettings, Method, Model, Morph, Object, Outputs, Phantom, Plan, STANDARD_VIEWS, Scale,
+    Segment, Side, SkinThreshold, Stage, StandardView, Tolerance, Views,
 };

@@ -53,6 +53,8 @@ pub struct Plan {
     pub outputs: Outputs,
     /// What pictures show: given where, and only where, `outputs.views` is.
     pub views: Option<Views>,
+    /// How meshes are made: given where, and only where, `outputs.mesh` is.
+    pub mesh: Option<MeshSettings>,
 }
 
 /// Where the voxels come from.
@@ -251,4 +253,17 @@ pub struct Outputs {
     pub slices: bool,
     /// Charts of the measurements.
     pub charts: bool,
+    /// `skin.stl`, `bone.stl` and `skin.ply`, for the nose as it is and for each stage.
+    pub mesh: bool,
+    /// `augmentation.stl` and `resection.stl` for each stage.
+    pub solids: bool,
+    /// `displacement-inverse.nii.gz` for each stage.
+    pub inverse: bool,
+}
+
+/// How meshes are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct MeshSettings {
+    /// The most triangles of a mesh; none where there are as many as come.
+    pub triangles: Option<usize>,
 }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::camera::Camera;
-use super::layer::{Layer, NO_EDGE, NOTHING};
+use super::layer::{Layer, NO_EDGE, NOTHING, SAMPLES};
 use super::shade::{BACKGROUND, Encoder, Paint, linear};
 use crate::surface::SemiBoundary;
 
@@ -49,14 +49,20 @@ pub fn render<'a>(objects: &[Object<'a>], camera: &Camera) -> Frame<'a> {
     let size = camera.size();
     let encoder = Encoder::new();
     let background = BACKGROUND.map(linear);
+    let nothing = background.map(|value| encoder.encode(value));
     let mut pixels = vec![[0_u8; 3]; size * size];
     pixels
         .par_chunks_mut(size)
         .enumerate()
         .for_each(|(row, line)| {
             for (column, pixel) in line.iter_mut().enumerate() {
-                let colour = composed(&layers, column, row, background);
-                *pixel = colour.map(|value| encoder.encode(value));
+                let place = row * size + column;
+                *pixel = if layers.iter().all(|layer| layer.is_empty(place)) {
+                    nothing
+                } else {
+                    let colour = composed(&layers, column, row, background);
+                    colour.map(|value| encoder.encode(value))
+                };
             }
         });
     Frame {
@@ -160,14 +166,21 @@ fn composed(layers: &[Layer], column: usize, row: usize, background: [f32; 3]) -
 }
 
 impl Layer {
+    /// Whether nothing is at a pixel, nor at an edge that passes it.
+    #[inline]
+    fn is_empty(&self, pixel: usize) -> bool {
+        self.place[pixel] == NOTHING && self.near[pixel] == NO_EDGE
+    }
+
     /// The colour of a pixel; at an edge, that of its near and far side by their shares.
     fn smoothed(&self, column: usize, row: usize) -> [f32; 4] {
         let size = self.size;
         let here = row * size + column;
-        let share = self.near[here];
-        if share == NO_EDGE {
+        let samples = self.near[here];
+        if samples == NO_EDGE {
             return self.rgba[here];
         }
+        let share = f32::from(samples) / SAMPLES.len() as f32;
         let (mut near, mut far) = (here, here);
         let beside = [
             (column > 0).then(|| here - 1),

@@ -24,34 +24,20 @@ pub(super) struct Layer {
     pub depth: Vec<f32>,
     /// Place in the semi-boundary of the foremost disc, or [`NOTHING`].
     pub place: Vec<u32>,
-    /// In pixels at an edge, the share that belongs to what is on the near side of it; else [`NO_EDGE`].
-    pub near: Vec<f32>,
+    /// In pixels at an edge, how many of their samples belong to what is on the near side of it; else
+    /// [`NO_EDGE`].
+    pub near: Vec<u8>,
 }
 
 /// A pixel that no edge passes.
-pub(super) const NO_EDGE: f32 = -1.0;
+pub(super) const NO_EDGE: u8 = u8::MAX;
 
-/// The depths on the two sides of an edge.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Edge {
-    /// What is at least this deep is on the near side, mm.
-    pub between: f32,
-}
-
-impl Edge {
-    /// The edge that passes a pixel of this depth, whose neighbours have those: where one differs by
-    /// more than `jump_mm`.
-    #[inline]
-    pub(super) fn at(depth: f32, neighbours: [f32; 4], jump_mm: f32) -> Option<Self> {
-        let near = neighbours.iter().fold(depth, |near, &z| near.max(z));
-        let far = neighbours.iter().fold(depth, |far, &z| far.min(z));
-        if far == f32::NEG_INFINITY {
-            let seen = near > far;
-            return seen.then_some(Self { between: f32::MIN });
-        }
-        (near - far > jump_mm).then_some(Self {
-            between: (near + far) / 2.0,
-        })
+/// The depth that parts the near side of an edge from the far one, mm.
+fn between(near: f32, far: f32) -> f32 {
+    if far == f32::NEG_INFINITY {
+        f32::MIN
+    } else {
+        (near + far) / 2.0
     }
 }
 
@@ -61,7 +47,7 @@ struct Band<'a> {
     rgba: &'a mut [[f32; 4]],
     depth: &'a mut [f32],
     place: &'a mut [u32],
-    near: &'a mut [f32],
+    near: &'a mut [u8],
 }
 
 impl Layer {
@@ -76,9 +62,11 @@ impl Layer {
             place: vec![NOTHING; pixels],
             near: vec![NO_EDGE; pixels],
         };
+        let eye = Eye::new(camera, object.surface);
         let painter = Painter {
             object,
-            eye: Eye::new(camera, object.surface),
+            rows: rows(object.surface, &eye),
+            eye,
             shader: Shader::new(object.opacity),
             size,
             blend_mm: spacing,
@@ -110,12 +98,29 @@ impl Layer {
 struct Painter<'a> {
     object: &'a Object<'a>,
     eye: Eye,
+    /// Those that have voxels, near the viewer first as the octant of the viewing direction has it.
+    rows: Vec<Row>,
     shader: Shader,
     size: usize,
     /// Discs within this depth of the foremost belong to the same surface.
     blend_mm: f32,
     /// A larger jump of depth between pixels is an edge.
     edge_mm: f32,
+}
+
+/// A row of the semi-boundary on the picture.
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    y: u16,
+    z: u16,
+    /// Where it begins and ends among the voxels.
+    begin: u32,
+    end: u32,
+    /// Its voxel at x = 0, on the picture.
+    origin: Vec3,
+    /// From where to where its voxels reach, pixels from the top.
+    top: f32,
+    bottom: f32,
 }
 
 /// A band with a row more on either side, so that the edges at its rim are seen.
@@ -149,7 +154,7 @@ impl Span {
 }
 
 /// Where the four samples of a pixel at an edge lie, from its middle: no two in a row or a column.
-const SAMPLES: [[f32; 2]; 4] = [
+pub(super) const SAMPLES: [[f32; 2]; 4] = [
     [-0.375, -0.125],
     [0.125, -0.375],
     [0.375, 0.125],
@@ -224,29 +229,41 @@ impl Painter<'_> {
         }
         let edges = self.edges(&fronts, span);
         let samples = self.samples(&splats, &edges, span);
-        for pixel in 0..band.depth.len() {
-            let (row, column) = (pixel / self.size + 1, pixel % self.size);
-            let (quad, lane) = (row * span.quads + column / QUAD, column % QUAD);
-            let numbered = edges.of_quad.get(quad).filter(|&&number| number != NOTHING);
-            if let Some(&number) = numbered {
-                band.near[pixel] = edges.share(number as usize, lane, &samples);
+        let pixels = band
+            .rgba
+            .iter_mut()
+            .zip(band.depth)
+            .zip(band.place)
+            .zip(band.near);
+        let mut pixels = pixels.map(|(((rgba, depth), place), near)| (rgba, depth, place, near));
+        for row in 1..=height {
+            let line = row * span.quads;
+            let quads = line..line + span.quads;
+            let of_line = pixels.by_ref().take(self.size);
+            let lanes = quads.flat_map(|quad| (0..QUAD).map(move |lane| (quad, lane)));
+            for ((quad, lane), (rgba, depth, to, near)) in lanes.zip(of_line) {
+                let number = edges.of_quad[quad];
+                if number != NOTHING {
+                    *near = edges.share(number as usize, lane, &samples);
+                }
+                let front = &fronts[quad];
+                let place = front.place(lane);
+                if place == NOTHING {
+                    continue;
+                }
+                let sum = &sums[quad];
+                let normal = Vec3::new(sum.x[lane], sum.y[lane], sum.z[lane]);
+                let normal = normal.normalize_or(Vec3::Z);
+                let weight = sum.weight[lane];
+                let value = match values.get(quad) {
+                    Some(sum) if weight > 0.0 => sum[lane] / weight,
+                    _ => 0.0,
+                };
+                let cut = place & FLAT != 0;
+                *rgba = self.shader.shade(&self.object.paint, normal, value, cut);
+                *depth = front.depth[lane];
+                *to = place & !FLAT;
             }
-            let front = &fronts[quad];
-            let place = front.place(lane);
-            if place == NOTHING {
-                continue;
-            }
-            let sum = &sums[quad];
-            let normal = Vec3::new(sum.x[lane], sum.y[lane], sum.z[lane]).normalize_or(Vec3::Z);
-            let weight = sum.weight[lane];
-            let value = match values.get(quad) {
-                Some(sum) if weight > 0.0 => sum[lane] / weight,
-                _ => 0.0,
-            };
-            let cut = place & FLAT != 0;
-            band.rgba[pixel] = self.shader.shade(&self.object.paint, normal, value, cut);
-            band.depth[pixel] = front.depth[lane];
-            band.place[pixel] = place & !FLAT;
         }
     }
 
@@ -306,49 +323,57 @@ impl Painter<'_> {
 
     /// The quads that hold a pixel at an edge of depth.
     fn edges(&self, fronts: &[Front], span: Span) -> Edges {
-        let depth = |row: usize, column: Option<usize>| {
-            let column = column.filter(|&column| column < self.size);
-            column.map(|column| fronts[row * span.quads + column / QUAD].depth[column % QUAD])
-        };
+        let jump = Vec4::splat(self.edge_mm);
+        let last_row = self.size as isize - 1;
         let mut edges = Edges {
             of_quad: vec![NOTHING; span.len()],
             between: Vec::new(),
         };
         for row in 1..span.rows - 1 {
             let line = row * span.quads;
+            let at = span.first + row as isize;
             for quad in 0..span.quads {
-                let here = fronts[line + quad].depth;
-                let mut between = [None; QUAD];
-                for (lane, between) in between.iter_mut().enumerate() {
-                    let column = quad * QUAD + lane;
-                    if column >= self.size {
-                        break;
-                    }
-                    let z = here[lane];
-                    let beside = |column| depth(row, column).unwrap_or(z);
-                    let neighbours = [
-                        beside(column.checked_sub(1)),
-                        beside(Some(column + 1)),
-                        self.row_beside(span, row - 1)
-                            .map_or(z, |row| depth(row, Some(column)).unwrap_or(z)),
-                        self.row_beside(span, row + 1)
-                            .map_or(z, |row| depth(row, Some(column)).unwrap_or(z)),
-                    ];
-                    *between = Edge::at(z, neighbours, self.edge_mm).map(|edge| edge.between);
+                let place = line + quad;
+                let here = fronts[place].depth;
+                // Beyond the picture there is what is at its rim.
+                let above = if at > 0 {
+                    fronts[place - span.quads].depth
+                } else {
+                    here
+                };
+                let below = if at < last_row {
+                    fronts[place + span.quads].depth
+                } else {
+                    here
+                };
+                let [a, b, c, d] = here.to_array();
+                let before = if quad > 0 {
+                    fronts[place - 1].depth.w
+                } else {
+                    a
+                };
+                let after = if quad + 1 < span.quads {
+                    fronts[place + 1].depth.x
+                } else {
+                    d
+                };
+                let left = Vec4::new(before, a, b, c);
+                let right = Vec4::new(b, c, d, after);
+                let near = here.max(above).max(below).max(left).max(right);
+                let far = here.min(above).min(below).min(left).min(right);
+                // Where nothing is at all, the difference is no number and so not greater.
+                let at_edge = (near - far).cmpgt(jump).bitmask();
+                if at_edge == 0 {
+                    continue;
                 }
-                if between.iter().any(Option::is_some) {
-                    edges.of_quad[line + quad] = edges.between.len() as u32;
-                    edges.between.push(between);
-                }
+                let between = std::array::from_fn(|lane| {
+                    (at_edge >> lane & 1 == 1).then(|| between(near[lane], far[lane]))
+                });
+                edges.of_quad[place] = edges.between.len() as u32;
+                edges.between.push(between);
             }
         }
         edges
-    }
-
-    /// A row of a span, if it is one of the picture.
-    fn row_beside(&self, span: Span, row: usize) -> Option<usize> {
-        let of_picture = span.first + row as isize;
-        (0..self.size as isize).contains(&of_picture).then_some(row)
     }
 
     /// Depth at the samples of the pixels of the quads at edges.
@@ -397,57 +422,68 @@ impl Painter<'_> {
         }
     }
 
-    /// What the voxels draw that reach into a span, those near the viewer first as the octant of the
-    /// viewing direction has it.
+    /// What the voxels draw that reach into a span.
     fn splats(&self, span: Span) -> Vec<Splat> {
         let surface = self.object.surface;
-        let [_, ny, nz] = surface.grid().dims();
-        let [flip_x, flip_y, flip_z] = self.eye.reversed();
         let reach = self.eye.reach(surface);
-        let top = span.first as f32 - reach;
-        let bottom = (span.first + span.rows as isize) as f32 + reach;
+        let (first, last) = (span.first as f32, (span.first + span.rows as isize) as f32);
+        let (top, bottom) = (first - reach, last + reach);
+        let [flip, _, _] = self.eye.reversed();
+        let step = self.eye.along_row();
         let mut splats = Vec::new();
-        for z in ordered(nz, flip_z) {
-            for y in ordered(ny, flip_y) {
-                self.row(surface, [y, z], flip_x, [top, bottom], &mut splats);
+        for row in &self.rows {
+            if row.bottom < top || row.top > bottom {
+                continue;
+            }
+            let (y, z) = (usize::from(row.y), usize::from(row.z));
+            let begin = row.begin as usize;
+            let voxels = surface.voxels().get(begin..row.end as usize);
+            let voxels = voxels.unwrap_or_default();
+            for number in ordered(voxels.len(), flip) {
+                let voxel = voxels[number];
+                let at = row.origin + step * voxel.x() as f32;
+                let reach = self.eye.disc_reach(voxel);
+                if at.y + reach < first || at.y - reach > last {
+                    continue;
+                }
+                let index = [voxel.x(), y, z];
+                let place = (begin + number) as u32;
+                self.eye.splats(voxel, index, at, place, &mut splats);
             }
         }
         splats.retain(|splat| !span.rows_of(splat).is_empty());
         splats
     }
+}
 
-    fn row(
-        &self,
-        surface: &SemiBoundary,
-        [y, z]: [usize; 2],
-        flip: bool,
-        [top, bottom]: [f32; 2],
-        to: &mut Vec<Splat>,
-    ) {
-        let range = surface.row_range(y, z);
-        let Some(voxels) = surface.voxels().get(range.clone()) else {
-            return;
-        };
-        let (Some(head), Some(tail)) = (voxels.first(), voxels.last()) else {
-            return;
-        };
-        let origin = self.eye.row(y, z);
-        let step = self.eye.along_row();
-        let ends = [head, tail].map(|voxel| origin.y + step.y * voxel.x() as f32);
-        if ends[0].max(ends[1]) < top || ends[0].min(ends[1]) > bottom {
-            return;
-        }
-        for number in ordered(voxels.len(), flip) {
-            let voxel = voxels[number];
-            let at = origin + step * voxel.x() as f32;
-            if at.y < top || at.y > bottom {
+/// The rows that have voxels.
+fn rows(surface: &SemiBoundary, eye: &Eye) -> Vec<Row> {
+    let [_, ny, nz] = surface.grid().dims();
+    let [_, flip_y, flip_z] = eye.reversed();
+    let step = eye.along_row();
+    let mut rows = Vec::new();
+    for z in ordered(nz, flip_z) {
+        for y in ordered(ny, flip_y) {
+            let range = surface.row_range(y, z);
+            let voxels = surface.voxels().get(range.clone()).unwrap_or_default();
+            let (Some(head), Some(tail)) = (voxels.first(), voxels.last()) else {
                 continue;
-            }
-            let index = [voxel.x(), y, z];
-            let place = (range.start + number) as u32;
-            self.eye.splats(voxel, index, at, place, to);
+            };
+            let origin = eye.row(y, z);
+            let [a, b] = [head, tail].map(|voxel| origin.y + step.y * voxel.x() as f32);
+            rows.push(Row {
+                // A grid has at most 32767 voxels along an axis, and places have 31 bits.
+                y: y as u16,
+                z: z as u16,
+                begin: range.start as u32,
+                end: range.end as u32,
+                origin,
+                top: a.min(b),
+                bottom: a.max(b),
+            });
         }
     }
+    rows
 }
 
 /// The quads at edges.
@@ -460,8 +496,8 @@ struct Edges {
 }
 
 impl Edges {
-    /// The share of a pixel's samples on the near side, or [`NO_EDGE`].
-    fn share(&self, number: usize, lane: usize, samples: &[[Vec4; SAMPLES.len()]]) -> f32 {
+    /// How many of a pixel's samples are on the near side, or [`NO_EDGE`].
+    fn share(&self, number: usize, lane: usize, samples: &[[Vec4; SAMPLES.len()]]) -> u8 {
         let (Some(between), Some(samples)) = (self.between.get(number), samples.get(number)) else {
             return NO_EDGE;
         };
@@ -469,7 +505,7 @@ impl Edges {
             return NO_EDGE;
         };
         let near = samples.iter().filter(|depth| depth[lane] >= between);
-        near.count() as f32 / SAMPLES.len() as f32
+        near.count() as u8
     }
 }
 

@@ -38,6 +38,8 @@ pub(super) struct Eye {
     pixels_per_mm: f32,
     mm_per_pixel: f32,
     offset_step: f32,
+    /// Of a disc, along the axis in which voxels are furthest apart, mm.
+    longest_radius: f32,
     metric: Metric,
     /// The faces that may belong to a surface that the viewer sees.
     not_away: u8,
@@ -126,6 +128,7 @@ impl Eye {
             pixels_per_mm: (1.0 / mm) as f32,
             mm_per_pixel: mm as f32,
             offset_step: surface.offset_step() as f32,
+            longest_radius: RADIUS * spacing.max_element() as f32,
             metric: Metric {
                 rr: r.length_squared() as f32,
                 dd: d.length_squared() as f32,
@@ -164,6 +167,14 @@ impl Eye {
     pub(super) fn reach(&self, surface: &SemiBoundary) -> f32 {
         let voxel = surface.grid().spacing().max_element() as f32;
         (RADIUS + 1.28) * voxel * self.pixels_per_mm + 2.0
+    }
+
+    /// How far from its centre what a voxel draws can reach on the picture, pixels.
+    #[inline]
+    pub(super) fn disc_reach(&self, voxel: BoundaryVoxel) -> f32 {
+        // A flat end is half a voxel away.
+        let offset = (voxel.offset_steps() * self.offset_step).max(self.longest_radius / 2.0);
+        (offset + self.longest_radius) * self.pixels_per_mm + 1.0
     }
 
     /// What a voxel draws, its centre at `at` on the picture.

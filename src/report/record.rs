@@ -5,10 +5,12 @@
 
 use serde::Serialize;
 
+use super::meshes::{MeshesRecord, SolidsRecord};
 use crate::feature::{Cage, Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::measure::{REGION_NAMES, REGIONS};
 use crate::morph::audit::{FieldDifference, WarpAudit};
-use crate::plan::{Enhance, Morph, Outputs, Plan, Segment, SkinThreshold, Views};
+use crate::morph::inverse::InverseAudit;
+use crate::plan::{Enhance, MeshSettings, Morph, Outputs, Plan, Segment, SkinThreshold, Views};
 use crate::space::{ContinuousIndex, Grid, GridPoint, GridVector};
 use crate::volume::SampleType;
 
@@ -100,6 +102,8 @@ pub struct PlanRecord {
     pub morph: Morph,
     pub outputs: Outputs,
     pub views: Option<Views>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<MeshSettings>,
 }
 
 /// What was tissue and what was bone.
@@ -155,6 +159,7 @@ impl PlanRecord {
             morph: plan.morph,
             outputs: plan.outputs,
             views: plan.views.clone(),
+            mesh: plan.mesh,
         }
     }
 }
@@ -188,6 +193,15 @@ pub struct StageRecord {
     /// How far the skin moved, where views are drawn.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface_change: Option<SurfaceChange>,
+    /// The meshes, where they are written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub meshes: Option<MeshesRecord>,
+    /// The bodies between the skin before the first stage and this one, where they are written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub solids: Option<SolidsRecord>,
+    /// How well the map was inverted, where its inverse is written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inverse: Option<InverseAudit>,
 }
 
 /// How far the skin that the views of a stage show lies from that before the first stage.

@@ -10,6 +10,7 @@ mod check;
 mod exits;
 mod failures;
 mod head;
+mod meshes;
 mod outputs;
 mod pictures;
 mod process;

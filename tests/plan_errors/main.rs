@@ -522,9 +522,28 @@ fn settings() {
                 ],
             ),
             (
-                "an output that is not available yet",
+                "[mesh] without the output",
                 1,
-                &[Replace("\"displacement\"]", "\"mesh\"]")],
+                &[Replace(
+                    "[outputs]",
+                    "[mesh]\ntriangles = 200000\n[outputs]",
+                )],
+            ),
+            (
+                "meshes of too few triangles, and a key of another table",
+                2,
+                &[Replace(
+                    "\"displacement\"]",
+                    "\"mesh\"]\n[mesh]\ntriangles = 999\nsize = 1024",
+                )],
+            ),
+            (
+                "a number of triangles that is not whole",
+                1,
+                &[Replace(
+                    "\"displacement\"]",
+                    "\"solids\", \"mesh\", \"inverse\"]\nmesh.triangles = 2e5",
+                )],
             ),
             (
                 "outputs unknown and twice",

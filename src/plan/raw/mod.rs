@@ -13,7 +13,7 @@ use toml::de::DeTable;
 
 use super::decode::{Faults, Table, Value, describe, quote, small_integer};
 use super::diagnostic::{Code, Fault};
-use super::resolved::{Enhance, Morph, Outputs, Phantom, Segment, Views};
+use super::resolved::{Enhance, MeshSettings, Morph, Outputs, Phantom, Segment, Views};
 use super::source::{Located, Span};
 use crate::feature::{FeatureKind, Landmark, Landmarks};
 
@@ -46,6 +46,7 @@ pub(super) struct RawPlan {
     pub candidates: Vec<RawCandidate>,
     pub outputs: Outputs,
     pub views: Option<Views>,
+    pub mesh: Option<MeshSettings>,
 }
 
 /// Where the voxels come from, paths as written.
@@ -114,6 +115,7 @@ impl RawPlan {
             "candidate",
             "outputs",
             "views",
+            "mesh",
         ];
         // A missing key has no place; the first key of the file stands for the file.
         let first = document
@@ -151,6 +153,7 @@ impl RawPlan {
             morph: settings::morph(&table, faults),
             outputs: outputs.unwrap_or_default(),
             views: views::views(&table, outputs, faults),
+            mesh: settings::mesh(&table, outputs, faults),
             candidates: candidates::candidates(&table, faults),
         })
     }

@@ -1,10 +1,10 @@
-//! `[cage]`, `[enhance]`, `[segment]`, `[morph]` and `[outputs]`.
+//! `[cage]`, `[enhance]`, `[segment]`, `[morph]`, `[outputs]` and `[mesh]`.
 
 use super::super::decode::{Faults, Table, Value, describe, one_of};
 use super::super::diagnostic::{Code, Fault};
 use super::super::resolved::{
-    DEFAULT_BONE_HU, DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, Enhance, Method, Model,
-    Morph, Outputs, Scale, Segment, SkinThreshold, Tolerance,
+    DEFAULT_BONE_HU, DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, Enhance, MeshSettings,
+    Method, Model, Morph, Outputs, Scale, Segment, SkinThreshold, Tolerance,
 };
 
 /// A length in the unit in which it is written.
@@ -284,18 +284,24 @@ enum Output {
     Views,
     Slices,
     Charts,
+    Mesh,
+    Solids,
+    Inverse,
 }
 
-const OUTPUTS: [(&str, Output); 5] = [
+const OUTPUTS: [(&str, Output); 8] = [
     ("volume", Output::Volume),
     ("displacement", Output::Displacement),
     ("views", Output::Views),
     ("slices", Output::Slices),
     ("charts", Output::Charts),
+    ("mesh", Output::Mesh),
+    ("solids", Output::Solids),
+    ("inverse", Output::Inverse),
 ];
 
-/// The outputs of the format that this version does not write.
-const NOT_AVAILABLE: [&str; 1] = ["mesh"];
+/// Triangles that a mesh may be brought down to: fewer show no nose, more are those of any CT.
+const TRIANGLES: std::ops::RangeInclusive<i64> = 1000..=100_000_000;
 
 /// What is to be written; none where that is at fault.
 pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Outputs> {
@@ -312,15 +318,6 @@ pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Outpu
     let expected = format!("an array of {available}; without [outputs], only tables are written");
     let mut sound = true;
     for item in faults.array(value, what, &expected)? {
-        let written = item.get_ref().as_str();
-        if let Some(word) = written.filter(|word| NOT_AVAILABLE.contains(word)) {
-            let message =
-                format!("output \"{word}\" is not available in this version of rhinoplan");
-            let fault = Fault::new(Code::NotAvailable, item.span().into(), message);
-            faults.push(fault.found(describe(item)).expected(available.as_str()));
-            sound = false;
-            continue;
-        }
         let Some(output) = faults.word(item, what, &OUTPUTS) else {
             sound = false;
             continue;
@@ -331,11 +328,47 @@ pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Outpu
             Output::Views => &mut outputs.views,
             Output::Slices => &mut outputs.slices,
             Output::Charts => &mut outputs.charts,
+            Output::Mesh => &mut outputs.mesh,
+            Output::Solids => &mut outputs.solids,
+            Output::Inverse => &mut outputs.inverse,
         };
         sound &= note_twice(item, what, *asked, "output", faults);
         *asked = true;
     }
     sound.then_some(outputs)
+}
+
+/// How meshes are made; none where there are none. `outputs` is none where it is at fault.
+pub(super) fn mesh(
+    plan: &Table<'_, '_>,
+    outputs: Option<Outputs>,
+    faults: &mut Faults,
+) -> Option<MeshSettings> {
+    let asked = outputs.is_some_and(|outputs| outputs.mesh);
+    let Some(value) = plan.get("mesh") else {
+        return asked.then(MeshSettings::default);
+    };
+    if outputs.is_some() && !asked {
+        let message = "[mesh] is given, but no meshes are written";
+        let fault = Fault::new(Code::Conflict, plan.key_place("mesh"), message);
+        let hint = "add \"mesh\" to `outputs.write`, or remove [mesh]".to_owned();
+        let fault = fault.found("[mesh] without the output \"mesh\"");
+        faults.push(
+            fault
+                .expected("\"mesh\" in `outputs.write` of [outputs]")
+                .hint(hint),
+        );
+    }
+    let table = faults.table(value, "[mesh]", &["triangles"])?;
+    let triangles = table.get("triangles").and_then(|value| {
+        let (low, high) = TRIANGLES.into_inner();
+        let expected = format!("an integer from {low} to {high}");
+        let within = |triangles| TRIANGLES.contains(&triangles);
+        faults.integer_where(value, "`mesh.triangles`", &expected, within)
+    });
+    Some(MeshSettings {
+        triangles: triangles.and_then(|triangles| usize::try_from(triangles).ok()),
+    })
 }
 
 /// Notes an item of an array that is there already; whether it is the first of its kind.

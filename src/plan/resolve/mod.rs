@@ -57,6 +57,7 @@ pub(super) fn plan(raw: &RawPlan, folder: &Path, grid: &Grid, faults: &mut Fault
             candidates: candidates?,
             outputs: raw.outputs,
             views: raw.views.clone(),
+            mesh: raw.mesh,
         })
     };
     let plan = resolved();
