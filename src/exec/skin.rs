@@ -12,7 +12,7 @@ use crate::with_volume;
 pub enum SkinError {
     /// All its values are the same.
     #[error(
-        "skin_hu = \"otsu\" finds nothing to separate: all values of the CT from -1024 to 1024 HU are the same; check the file, or give `skin_hu` in HU"
+        "skin_hu = \"otsu\" finds nothing to separate: all values of the CT from -1024 to below 300 HU are the same; check the file, or give `skin_hu` in HU"
     )]
     Nothing,
     /// What it finds is not below bone.

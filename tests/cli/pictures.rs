@@ -80,9 +80,19 @@ fn the_page_lists_every_file_by_its_pattern() {
         .chain(TABLES.map(str::to_owned))
         .map(|file| pattern(&file))
         .collect();
-    for volume in ["volume", "displacement"] {
-        patterns.insert(format!("<candidate>/<NN>-<stage>/{volume}.nii.gz"));
-    }
+    // What other outputs than pictures add (tests/cli/outputs.rs, meshes.rs).
+    let others = [
+        "volume.nii.gz",
+        "displacement.nii.gz",
+        "displacement-inverse.nii.gz",
+        "skin.stl",
+        "bone.stl",
+        "skin.ply",
+        "augmentation.stl",
+        "resection.stl",
+    ];
+    patterns.extend(others.map(|file| format!("<candidate>/<NN>-<stage>/{file}")));
+    patterns.extend(["skin.stl", "bone.stl"].map(|file| format!("preoperative/{file}")));
     assert_eq!(listed, patterns.iter().map(String::as_str).collect());
 }
 

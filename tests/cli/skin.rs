@@ -15,16 +15,16 @@ fn the_threshold_found_is_recorded_and_used() {
     let record: serde_json::Value = serde_json::from_str(&read("out/found/run.json")).unwrap();
     let segment = &record["plan"]["segment"];
     assert_eq!(segment["skin_hu_from"], "otsu");
-    // Between the air, at -1000, and the darkest tissue, at 40: half-way.
-    assert_eq!(segment["skin_hu"], -480.0);
-    assert!(read("out/found/table.md").contains("skin at -480 HU (Otsu)"));
+    // The air is at -1000 and the darkest tissue at 40: the middle of the thresholds -999 to 40 that part them.
+    assert_eq!(segment["skin_hu"], -479.5);
+    assert!(read("out/found/table.md").contains("skin at -479.5 HU (Otsu)"));
 
-    let given = plan("given", "ct.nii") + "[segment]\nskin_hu = -480\n";
+    let given = plan("given", "ct.nii") + "[segment]\nskin_hu = -479.5\n";
     desk.write("given.toml", given);
     desk.run(&["run", "given.toml"]).expect(0);
     let measured = read("out/given/measurements.csv");
     assert_eq!(read("out/found/measurements.csv"), measured);
-    assert!(read("out/given/table.md").contains("skin at -480 HU. "));
+    assert!(read("out/given/table.md").contains("skin at -479.5 HU. "));
     let default = plan("default", "ct.nii");
     desk.write("default.toml", default);
     desk.run(&["run", "default.toml"]).expect(0);
@@ -41,7 +41,7 @@ fn a_ct_that_gives_no_threshold_ends_the_run() {
         (
             "ct.nii",
             format!("{OTSU}bone_hu = -490\n"),
-            "finds -480 HU, which is not below bone_hu = -490",
+            "finds -479.5 HU, which is not below bone_hu = -490",
         ),
     ] {
         let text = plan_head("none", ct) + &segment + CANDIDATES;
