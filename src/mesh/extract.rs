@@ -15,7 +15,7 @@ const MARGIN: f64 = 0.01;
 /// Where the surface passes between two neighbouring voxels.
 pub trait Crossing: Sync {
     /// How far from the voxel `inside` to its face neighbour `outside`, as a share of their distance: taken
-    /// as the nearest from [`MARGIN`] to 1 - [`MARGIN`], and as a half where it is not a number.
+    /// as the nearest from 0.01 to 0.99, and as a half where it is not a number.
     fn share(&self, inside: [usize; 3], outside: [usize; 3]) -> f64;
 }
 
