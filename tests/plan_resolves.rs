@@ -267,7 +267,7 @@ fn pictures_are_as_written() {
     let drawn = |object, opacity| DrawnObject { object, opacity };
     let views = Views {
         cameras: vec![
-            camera("basal", 0.0, -90.0),
+            camera("basal", 0.0, -60.0),
             camera("frontal", 0.0, 0.0),
             camera("high-left", 30.0, 20.0),
             camera("behind", -180.0, -12.5),
@@ -315,7 +315,7 @@ fn pictures_have_defaults() {
         ("lateral-right", -90.0, 0.0),
         ("oblique-left", 45.0, 0.0),
         ("oblique-right", -45.0, 0.0),
-        ("basal", 0.0, -90.0),
+        ("basal", 0.0, -60.0),
     ];
     let expected = expected.map(|(name, azimuth, elevation)| (name.to_owned(), azimuth, elevation));
     assert!(default.cameras.iter().map(seen).eq(expected));

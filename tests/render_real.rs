@@ -84,7 +84,8 @@ fn the_head_holder_of_cranium_does_not_show() {
     let [head_seen, all_seen] = [&head, &all].map(|surface| drawn(surface, &side));
 
     // Ten planes of the holder's arc, most of 108 slices high.
-    let least = (8.0 * spacing.y * 100.0 * spacing.z / side.mm_per_pixel().powi(2)) as usize;
+    let pixel = side.mm_per_pixel() * side.mm_per_pixel();
+    let least = (8.0 * spacing.y * 100.0 * spacing.z / pixel) as usize;
     let shown = behind(&all_seen, &side, occiput);
     assert!(shown > least, "{shown} pixels of the holder, of {least}");
     assert_eq!(behind(&head_seen, &side, occiput), 0);

@@ -196,7 +196,7 @@ impl<T: Sample> Builder<'_, T> {
         // A face where the region or the scan ends: nothing is known beyond it.
         let ends = |face: usize| {
             let axis = face / 2;
-            let at_end = if face % 2 == 0 {
+            let at_end = if face.is_multiple_of(2) {
                 region.first[axis]
             } else {
                 region.last[axis]
