@@ -25,7 +25,7 @@ pub enum FeatureKind {
     #[default]
     Line,
     /// The tip alone, which can be moved and neither turned nor stretched: the "augmentation operator" of the
-    /// paper's earlier study [12], which the paper compares with the line (section III, Fig. 8).
+    /// paper's earlier study \[12\], which the paper compares with the line (section III, Fig. 8).
     Point,
 }
 

@@ -5,7 +5,7 @@
 //! finds the foremost disc of every pixel, a second blends the normals of the discs at that depth
 //! (`layer.rs`), and only then is a pixel shaded (`shade.rs`) and its edge smoothed (`compose.rs`).
 //!
-//! Sources: T.-Y. Lee et al., the paper's [14], for projecting the semi-boundary row by row in an order
+//! Sources: T.-Y. Lee et al., the paper's \[14\], for projecting the semi-boundary row by row in an order
 //! that the octant of the viewing direction gives, voxels culled by their neighbour code; M. Botsch,
 //! A. Hornung, M. Zwicker, L. Kobbelt, *High-Quality Surface Splatting on Today's GPUs*, Eurographics
 //! Symposium on Point-Based Graphics 2005, DOI 10.2312/SPBG/SPBG05/017-024, for the two passes and
