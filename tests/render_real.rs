@@ -83,13 +83,13 @@ fn the_head_holder_of_cranium_does_not_show() {
     let [head, all] = [true, false].map(|keep_largest| skin(&volume, keep_largest));
     let [head_seen, all_seen] = [&head, &all].map(|surface| drawn(surface, &side));
 
-    // Ten planes of the holder's arc, most of 108 slices high.
-    let pixel = side.mm_per_pixel() * side.mm_per_pixel();
-    let least = (8.0 * spacing.y * 100.0 * spacing.z / pixel) as usize;
+    // Of the ten or so planes behind the head at least eight, in 100 of 108 slices.
+    let pixel_mm2 = side.mm_per_pixel() * side.mm_per_pixel();
+    let least = (8.0 * spacing.y * 100.0 * spacing.z / pixel_mm2) as usize;
     let shown = behind(&all_seen, &side, occiput);
     assert!(shown > least, "{shown} pixels of the holder, of {least}");
     assert_eq!(behind(&head_seen, &side, occiput), 0);
-    // Half of the picture is head, all the same.
+    // A third of the picture is head, all the same.
     assert!(head_seen.covered() > SIZE * SIZE / 3);
 
     // The holder is wider than the head where it lies beside it; from the front this is seen on either side.
@@ -101,7 +101,7 @@ fn the_head_holder_of_cranium_does_not_show() {
     let gained = pixels.filter(|(head, all)| **head != BACKGROUND && **all == BACKGROUND);
     let (lost, gained) = (lost.count(), gained.count());
     println!("from the front {lost} pixels show the holder or specks alone");
-    assert!(lost > 500, "{lost}");
+    assert!(lost > 20_000, "{lost}");
     assert_eq!(gained, 0);
 }
 

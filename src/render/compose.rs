@@ -86,6 +86,10 @@ impl Frame<'_> {
 
     /// Which voxel is at a pixel (column, row), of the object that is foremost there; `None` where there
     /// is none. This is what clicking on the surface needs.
+    ///
+    /// It is the voxel whose disc is foremost at the pixel's centre. A disc lies in the plane of the surface
+    /// and overlaps its neighbours', so where the surface bulges this can be the voxel beside the one behind
+    /// the pixel.
     pub fn pick(&self, column: usize, row: usize) -> Option<Hit> {
         if column >= self.size || row >= self.size {
             return None;

@@ -16,7 +16,7 @@ const CUT: f32 = 0.45;
 pub enum Paint<'a> {
     /// One colour, sRGB.
     Plain([u8; 3]),
-    /// By a value of each boundary voxel, in the order of the semi-boundary; NaN is drawn as 0.
+    /// By a value of each boundary voxel, in the order of the semi-boundary; NaN and infinities are drawn as 0.
     Scalar {
         /// One for each voxel.
         values: &'a [f32],

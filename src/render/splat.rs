@@ -56,8 +56,8 @@ struct Ends {
     spacing: Vec3,
 }
 
-/// Products of a step of one pixel to the right (r), down (d) and one mm towards the viewer (t), in voxels: discs are as long
-/// as voxels are apart.
+/// Products of a step of one pixel to the right (r), down (d) and one mm towards the viewer (t), in voxels:
+/// discs are as long as voxels are apart.
 #[derive(Debug, Clone, Copy)]
 struct Metric {
     rr: f32,
@@ -166,6 +166,7 @@ impl Eye {
     /// How far from its voxel's centre a disc can reach on the picture, pixels.
     pub(super) fn reach(&self, surface: &SemiBoundary) -> f32 {
         let voxel = surface.grid().spacing().max_element() as f32;
+        // An offset is at most 127 steps of a hundredth of a voxel; the low pass adds less than a pixel.
         (RADIUS + 1.28) * voxel * self.pixels_per_mm + 2.0
     }
 

@@ -38,6 +38,15 @@ fn ball(radius: f64) -> SemiBoundary {
     })
 }
 
+const FRONT: Direction = Direction {
+    azimuth_deg: 0.0,
+    elevation_deg: 0.0,
+};
+const LEFT: Direction = Direction {
+    azimuth_deg: 90.0,
+    elevation_deg: 0.0,
+};
+
 /// Along the axes, the diagonals of faces and those of the cube.
 fn directions() -> Vec<Direction> {
     let mut all = Vec::new();
@@ -269,7 +278,7 @@ fn no_holes_at_any_zoom_and_angle() {
 #[test]
 fn what_is_translucent_shows_what_is_behind_it() {
     let (outer, inner) = (ball(12.0), ball(6.0));
-    let front = camera(directions()[8], 30.0, 101);
+    let front = camera(FRONT, 30.0, 101);
     let bone = Object {
         surface: &inner,
         paint: Paint::Plain(BONE),
@@ -302,7 +311,7 @@ fn a_cut_is_flat_and_ends_where_the_region_does() {
     let half = surface([80, 40, 40], [0.5, 1.0, 1.0], Some(region), |p| {
         (p - CENTRE).length() - 12.0
     });
-    let front = camera(directions()[8], 30.0, 101);
+    let front = camera(FRONT, 30.0, 101);
     let frame = render(&[plain(&half)], &front);
     let expected = frame.pixels()[50 * 101 + 50];
     for (column, row) in [(20, 50), (80, 50), (50, 20), (50, 80), (37, 61)] {
@@ -312,7 +321,7 @@ fn a_cut_is_flat_and_ends_where_the_region_does() {
         assert!((hit.depth_mm - 0.5).abs() < 0.02, "{}", hit.depth_mm);
     }
     // From the side, nothing stands in front of the cut.
-    let left = camera(directions()[10], 30.0, 300);
+    let left = camera(LEFT, 30.0, 300);
     let frame = render(&[plain(&half)], &left);
     let column = |y: f64| left.project(GridPoint(DVec3::new(20.0, y, 20.0))).x as usize;
     assert!(frame.pick(column(19.3), 150).is_none());
@@ -322,7 +331,7 @@ fn a_cut_is_flat_and_ends_where_the_region_does() {
 #[test]
 fn edges_have_colours_between() {
     let ball = ball(12.0);
-    let frame = render(&[plain(&ball)], &camera(directions()[8], 30.0, 150));
+    let frame = render(&[plain(&ball)], &camera(FRONT, 30.0, 150));
     let between = |row: usize| {
         let line = &frame.pixels()[row * 150..(row + 1) * 150];
         line.iter()
@@ -354,7 +363,7 @@ fn values_colour_the_surface() {
         },
         ..plain(&ball)
     };
-    let frame = render(&[object], &camera(directions()[8], 30.0, 101));
+    let frame = render(&[object], &camera(FRONT, 30.0, 101));
     let upper = frame.pixels()[30 * 101 + 50];
     let lower = frame.pixels()[70 * 101 + 50];
     assert!(upper[0] > 100 && upper[2] < 90, "{upper:?}");

@@ -9,7 +9,7 @@ use crate::space::Grid;
 use crate::volume::{Mask, Sample, Volume, VolumeError};
 
 /// A surface through a voxel meets one of its exposed faces at a cosine of at least 1/√3 (in voxels); what
-/// is less than this is not its normal.
+/// is less, with some room for noise, is not its normal.
 const LEAST_SQUARE: f64 = 0.5;
 
 /// The most boundary voxels of a surface: their places have 31 bits.

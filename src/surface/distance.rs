@@ -29,6 +29,7 @@ impl<'a> SurfaceDistance<'a> {
         Self {
             surface,
             reach_mm,
+            // As far as a stored offset reaches: 127 steps of a hundredth of this.
             slack: 1.27 * surface.grid().spacing().max_element(),
         }
     }
