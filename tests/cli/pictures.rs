@@ -84,6 +84,7 @@ fn the_page_lists_every_file_by_its_pattern() {
     let others = [
         "volume.nii.gz",
         "displacement.nii.gz",
+        "volume.nrrd",
         "displacement-inverse.nii.gz",
         "skin.stl",
         "bone.stl",
