@@ -48,8 +48,7 @@ pub fn render<'a>(objects: &[Object<'a>], camera: &Camera) -> Frame<'a> {
         .collect();
     let size = camera.size();
     let encoder = Encoder::new();
-    let background = BACKGROUND.map(linear);
-    let nothing = background.map(|value| encoder.encode(value));
+    let light: [f32; 256] = std::array::from_fn(|value| linear(value as u8));
     let mut pixels = vec![[0_u8; 3]; size * size];
     pixels
         .par_chunks_mut(size)
@@ -57,11 +56,17 @@ pub fn render<'a>(objects: &[Object<'a>], camera: &Camera) -> Frame<'a> {
         .for_each(|(row, line)| {
             for (column, pixel) in line.iter_mut().enumerate() {
                 let place = row * size + column;
-                *pixel = if layers.iter().all(|layer| layer.is_empty(place)) {
-                    nothing
-                } else {
-                    let colour = composed(&layers, column, row, background);
-                    colour.map(|value| encoder.encode(value))
+                // Most pixels show one thing, or nothing, and no edge passes them.
+                *pixel = match &layers[..] {
+                    [layer] if layer.is_plain(place) => {
+                        let [r, g, b, _] = layer.rgba[place];
+                        [r, g, b]
+                    }
+                    _ if layers.iter().all(|layer| layer.is_empty(place)) => BACKGROUND,
+                    _ => {
+                        let colour = composed(&layers, &light, column, row);
+                        colour.map(|value| encoder.encode(value))
+                    }
                 };
             }
         });
@@ -138,8 +143,8 @@ impl Frame<'_> {
 const LATER_MM: f32 = 0.05;
 
 /// The layers at a pixel, the nearest on top, in linear light.
-fn composed(layers: &[Layer], column: usize, row: usize, background: [f32; 3]) -> [f32; 3] {
-    let mut colour = background;
+fn composed(layers: &[Layer], light: &[f32; 256], column: usize, row: usize) -> [f32; 3] {
+    let mut colour = BACKGROUND.map(|value| light[usize::from(value)]);
     let mut put = |[r, g, b, a]: [f32; 4]| {
         colour = [
             r + colour[0] * (1.0 - a),
@@ -148,7 +153,7 @@ fn composed(layers: &[Layer], column: usize, row: usize, background: [f32; 3]) -
         ];
     };
     if let [layer] = layers {
-        put(layer.smoothed(column, row));
+        put(layer.smoothed(light, column, row));
         return colour;
     }
     // From the furthest to the nearest; a handful at most.
@@ -164,7 +169,7 @@ fn composed(layers: &[Layer], column: usize, row: usize, background: [f32; 3]) -
         .collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (_, layer) in order {
-        put(layer.smoothed(column, row));
+        put(layer.smoothed(light, column, row));
     }
     colour
 }
@@ -176,13 +181,31 @@ impl Layer {
         self.place[pixel] == NOTHING && self.near[pixel] == NO_EDGE
     }
 
-    /// The colour of a pixel; at an edge, that of its near and far side by their shares.
-    fn smoothed(&self, column: usize, row: usize) -> [f32; 4] {
+    /// Whether a pixel shows something opaque, and no edge passes it.
+    #[inline]
+    fn is_plain(&self, pixel: usize) -> bool {
+        self.rgba[pixel][3] == u8::MAX && self.near[pixel] == NO_EDGE
+    }
+
+    /// The linear light of a pixel times its opacity, and its opacity.
+    fn light(&self, light: &[f32; 256], pixel: usize) -> [f32; 4] {
+        let [r, g, b, a] = self.rgba[pixel].map(usize::from);
+        let opacity = a as f32 / 255.0;
+        [
+            light[r] * opacity,
+            light[g] * opacity,
+            light[b] * opacity,
+            opacity,
+        ]
+    }
+
+    /// The light of a pixel; at an edge, that of its near and far side by their shares.
+    fn smoothed(&self, light: &[f32; 256], column: usize, row: usize) -> [f32; 4] {
         let size = self.size;
         let here = row * size + column;
         let samples = self.near[here];
         if samples == NO_EDGE {
-            return self.rgba[here];
+            return self.light(light, here);
         }
         let share = f32::from(samples) / SAMPLES.len() as f32;
         let (mut near, mut far) = (here, here);
@@ -207,7 +230,7 @@ impl Layer {
         } else {
             far = here;
         }
-        let (near, far) = (self.rgba[near], self.rgba[far]);
+        let (near, far) = (self.light(light, near), self.light(light, far));
         std::array::from_fn(|channel| near[channel] * share + far[channel] * (1.0 - share))
     }
 }

@@ -18,8 +18,8 @@ pub(super) const NOTHING: u32 = u32::MAX;
 #[derive(Debug)]
 pub(super) struct Layer {
     pub size: usize,
-    /// Linear colour times opacity, and opacity.
-    pub rgba: Vec<[f32; 4]>,
+    /// sRGB, and opacity of 255.
+    pub rgba: Vec<[u8; 4]>,
     /// Towards the viewer, mm; -∞ where nothing is.
     pub depth: Vec<f32>,
     /// Place in the semi-boundary of the foremost disc, or [`NOTHING`].
@@ -44,7 +44,7 @@ fn between(near: f32, far: f32) -> f32 {
 /// The part of a layer that one worker fills: whole rows.
 struct Band<'a> {
     first: usize,
-    rgba: &'a mut [[f32; 4]],
+    rgba: &'a mut [[u8; 4]],
     depth: &'a mut [f32],
     place: &'a mut [u32],
     near: &'a mut [u8],
@@ -57,7 +57,7 @@ impl Layer {
         let spacing = object.surface.grid().spacing().max_element() as f32;
         let mut layer = Self {
             size,
-            rgba: vec![[0.0; 4]; pixels],
+            rgba: vec![[0; 4]; pixels],
             depth: vec![f32::NEG_INFINITY; pixels],
             place: vec![NOTHING; pixels],
             near: vec![NO_EDGE; pixels],

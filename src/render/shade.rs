@@ -49,6 +49,7 @@ pub(super) struct Shader {
     /// Half-way between the first light and the viewer.
     half: Vec3,
     linear: [f32; 256],
+    encoder: Encoder,
 }
 
 /// Light from everywhere.
@@ -75,11 +76,12 @@ impl Shader {
             half: (lights[0].direction + Vec3::Z).normalize(),
             lights,
             linear: std::array::from_fn(|value| linear(value as u8)),
+            encoder: Encoder::new(),
         }
     }
 
-    /// Linear colour times opacity, and opacity.
-    pub(super) fn shade(&self, paint: &Paint<'_>, normal: Vec3, value: f32, cut: bool) -> [f32; 4] {
+    /// sRGB, and opacity of 255.
+    pub(super) fn shade(&self, paint: &Paint<'_>, normal: Vec3, value: f32, cut: bool) -> [u8; 4] {
         let colour = match paint {
             Paint::Plain(colour) => *colour,
             Paint::Scalar { colour, .. } => colour(value),
@@ -103,9 +105,12 @@ impl Shader {
         } else {
             1.0
         };
-        let channel = |value: u8| (self.linear[usize::from(value)] * diffuse + shine) * opacity;
+        let channel = |value: u8| {
+            self.encoder
+                .encode(self.linear[usize::from(value)] * diffuse + shine)
+        };
         let [r, g, b] = colour.map(channel);
-        [r, g, b, opacity]
+        [r, g, b, (opacity * 255.0 + 0.5) as u8]
     }
 }
 
