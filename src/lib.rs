@@ -19,4 +19,5 @@ pub mod resample;
 pub mod segment;
 pub mod space;
 pub mod surface;
+mod text;
 pub mod volume;

@@ -373,18 +373,7 @@ pub(super) fn describe(value: &Value<'_>) -> String {
 
 /// The user's text between marks, control characters escaped, shortened where it is long.
 pub(super) fn quote(text: &str, mark: char) -> String {
-    let mut shown = String::new();
-    for (place, character) in text.chars().enumerate() {
-        if place == MAX_SHOWN {
-            shown.push('…');
-            break;
-        }
-        if character.is_control() {
-            shown.extend(character.escape_default());
-        } else {
-            shown.push(character);
-        }
-    }
+    let shown = crate::text::shown(text, MAX_SHOWN);
     format!("{mark}{shown}{mark}")
 }
 

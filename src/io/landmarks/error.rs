@@ -163,17 +163,5 @@ fn joined(names: impl ExactSizeIterator<Item = String>, with: &str) -> String {
 
 /// The file's text for a message: control characters escaped, shortened where it is long.
 pub(super) fn shown(text: &str) -> String {
-    let mut shown = String::new();
-    for (place, character) in text.chars().enumerate() {
-        if place == MAX_SHOWN {
-            shown.push('…');
-            break;
-        }
-        if character.is_control() {
-            shown.extend(character.escape_default());
-        } else {
-            shown.push(character);
-        }
-    }
-    shown
+    crate::text::shown(text, MAX_SHOWN)
 }

@@ -131,19 +131,7 @@ fn bad(field: &'static str, found: &str, expected: impl Into<String>) -> NrrdPro
 
 /// The file's text for a message: control characters escaped, shortened where it is long.
 fn shown(text: &str) -> String {
-    let mut shown = String::new();
-    for (place, character) in text.chars().enumerate() {
-        if place == MAX_SHOWN {
-            shown.push('…');
-            break;
-        }
-        if character.is_control() {
-            shown.extend(character.escape_default());
-        } else {
-            shown.push(character);
-        }
-    }
-    shown
+    crate::text::shown(text, MAX_SHOWN)
 }
 
 /// Where the header ends: the offset of the first byte after its empty line; none where there is none.
