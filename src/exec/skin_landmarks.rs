@@ -104,14 +104,7 @@ impl SkinLandmark {
 
 /// Where the landmarks are moved to; none of those that stay.
 pub fn moved(found: &[SkinLandmark], snap_mm: f64) -> Landmarks<Option<GridPoint>> {
-    let mut moved = Landmarks {
-        nasal_bones: None,
-        lip: None,
-        alare_right: None,
-        alare_left: None,
-        tip: None,
-        maxilla: None,
-    };
+    let mut moved = Landmarks::none();
     for of in found {
         *moved.get_mut(of.landmark) = of.snapped(snap_mm).map(|skin| skin.point);
     }

@@ -100,3 +100,17 @@ impl<P> Landmarks<P> {
         }
     }
 }
+
+impl<P> Landmarks<Option<P>> {
+    /// No landmark yet.
+    pub const fn none() -> Self {
+        Self {
+            nasal_bones: None,
+            lip: None,
+            alare_right: None,
+            alare_left: None,
+            tip: None,
+            maxilla: None,
+        }
+    }
+}

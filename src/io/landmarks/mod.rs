@@ -164,14 +164,7 @@ enum Position {
 /// The landmarks among the points, each found once.
 fn choose(points: Vec<ControlPoint>) -> Result<Landmarks<[f64; 3]>, LandmarkFileProblem> {
     let mut faults = PointFaults::default();
-    let mut found: Landmarks<Option<[f64; 3]>> = Landmarks {
-        nasal_bones: None,
-        lip: None,
-        alare_right: None,
-        alare_left: None,
-        tip: None,
-        maxilla: None,
-    };
+    let mut found: Landmarks<Option<[f64; 3]>> = Landmarks::none();
     let mut seen: Vec<Landmark> = Vec::new();
     let mut not_placed: Vec<(Landmark, String)> = Vec::new();
     for point in points {

@@ -344,14 +344,7 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
     let none = || RawLandmarks {
         file: None,
         frame: None,
-        points: Landmarks {
-            nasal_bones: None,
-            lip: None,
-            alare_right: None,
-            alare_left: None,
-            tip: None,
-            maxilla: None,
-        },
+        points: Landmarks::none(),
         snap_mm: None,
     };
     let names = Landmark::ALL.map(Landmark::name);
