@@ -2,10 +2,12 @@
 //!
 //! The skin before the first operation is found once and kept; every stage is compared with it.
 
+use std::borrow::Cow;
 use std::io;
 use std::path::Path;
 
 use super::error::RunError;
+use super::objects;
 use super::pictures::{PREOPERATIVE_FOLDER, PicturesError};
 use crate::io::artifact::Artifact;
 use crate::io::staging::Staging;
@@ -17,7 +19,6 @@ use crate::mesh::{
 use crate::picture::diverging;
 use crate::plan::Plan;
 use crate::report::meshes::{ChangeRecord, MeshRecord, MeshesRecord, SolidsRecord};
-use crate::segment::{Enhance, enhance, segment};
 use crate::space::Grid;
 use crate::surface::{Region, SemiBoundary, SurfaceDistance, SurfaceError, semi_boundary};
 use crate::volume::{Mask, Volume};
@@ -50,13 +51,18 @@ impl<'a> Workshop<'a> {
         preoperative: &Volume<f32>,
         staging: &mut Staging,
     ) -> Result<(Self, Option<MeshesRecord>), RunError> {
-        let enhanced = match enhancement(plan) {
-            None => None,
-            Some(settings) => Some(enhance(preoperative, &settings).map_err(PicturesError::from)?),
-        };
-        let (skin, boundary, meshes) = match &enhanced {
-            None => begin_on(plan, skin_hu, preoperative, staging)?,
-            Some(enhanced) => begin_on(plan, skin_hu, enhanced, staging)?,
+        let enhanced = objects::enhanced(plan, preoperative).map_err(PicturesError::from)?;
+        let skin = objects::skin(plan, skin_hu, &enhanced)?;
+        let boundary = boundary(&enhanced, &skin, skin_hu)?;
+        let mut meshes = None;
+        if plan.outputs.mesh {
+            let folder = Path::new(PREOPERATIVE_FOLDER);
+            let written = write_meshes(plan, skin_hu, &enhanced, &skin, staging, folder)?;
+            meshes = Some(written.record);
+        }
+        let enhanced = match enhanced {
+            Cow::Owned(enhanced) => Some(enhanced),
+            Cow::Borrowed(_) => None,
         };
         let workshop = Self {
             plan,
@@ -76,24 +82,12 @@ impl<'a> Workshop<'a> {
         preoperative: &Volume<f32>,
         volume: &Volume<f32>,
     ) -> Result<StageMeshes, RunError> {
-        match (&self.enhanced, enhancement(self.plan)) {
-            (Some(before), Some(settings)) => {
-                let after = enhance(volume, &settings).map_err(PicturesError::from)?;
-                self.stage_on(staging, folder, [before, &after])
-            }
-            _ => self.stage_on(staging, folder, [preoperative, volume]),
-        }
-    }
-
-    fn stage_on(
-        &self,
-        staging: &mut Staging,
-        folder: &Path,
-        [before, after]: [&Volume<f32>; 2],
-    ) -> Result<StageMeshes, RunError> {
         let (plan, skin_hu) = (self.plan, self.skin_hu);
+        let before = self.enhanced.as_ref().unwrap_or(preoperative);
+        let after = objects::enhanced(plan, volume).map_err(PicturesError::from)?;
+        let after: &Volume<f32> = &after;
         let grid = after.grid();
-        let skin = segment(after, skin_hu, plan.segment.keep_largest)?;
+        let skin = objects::skin(plan, skin_hu, after)?;
         let mut of_stage = StageMeshes::default();
         if plan.outputs.mesh {
             let from = ChangeFrom {
@@ -145,32 +139,6 @@ impl<'a> Workshop<'a> {
     }
 }
 
-fn begin_on(
-    plan: &Plan,
-    skin_hu: f64,
-    volume: &Volume<f32>,
-    staging: &mut Staging,
-) -> Result<(Mask, SemiBoundary, Option<MeshesRecord>), RunError> {
-    let skin = segment(volume, skin_hu, plan.segment.keep_largest)?;
-    let boundary = boundary(volume, &skin, skin_hu)?;
-    let mut meshes = None;
-    if plan.outputs.mesh {
-        let folder = Path::new(PREOPERATIVE_FOLDER);
-        let written = write_meshes(plan, skin_hu, volume, &skin, staging, folder)?;
-        meshes = Some(written.record);
-    }
-    Ok((skin, boundary, meshes))
-}
-
-/// What the plan does to a volume before surfaces are found in it.
-fn enhancement(plan: &Plan) -> Option<Enhance> {
-    let settings = Enhance {
-        median: plan.enhance.median,
-        smooth_mm: plan.enhance.smooth_mm,
-    };
-    (!settings.is_none()).then_some(settings)
-}
-
 fn boundary(volume: &Volume<f32>, skin: &Mask, skin_hu: f64) -> Result<SemiBoundary, MeshError> {
     let surface: Result<_, SurfaceError> =
         semi_boundary(volume, skin, skin_hu, Region::whole(volume.grid()));
@@ -194,11 +162,7 @@ fn write_meshes(
 ) -> Result<Written, RunError> {
     let grid = volume.grid();
     let bone_hu = plan.segment.bone_hu;
-    let mut bone = segment(volume, bone_hu, false)?;
-    if plan.segment.keep_largest {
-        // Bones are many, and the jaw is not the skull; but what is outside the skin is none.
-        bone.intersect(skin);
-    }
+    let bone = objects::bone(plan, volume, skin)?;
     let mut object = |name: &str, mask: &Mask, threshold_hu: f64| {
         let made = make(plan, volume, mask, threshold_hu)?;
         if let Some((mesh, _)) = &made {

@@ -2,8 +2,8 @@
 
 use super::PicturesError;
 use super::framing::Framing;
+use crate::exec::objects;
 use crate::plan::{self, Plan};
-use crate::segment::{Enhance, enhance, segment};
 use crate::surface::{SemiBoundary, semi_boundary};
 use crate::volume::Volume;
 
@@ -19,43 +19,14 @@ impl Surfaces {
         volume: &Volume<f32>,
         framing: &Framing,
     ) -> Result<Self, PicturesError> {
-        let settings = Enhance {
-            median: plan.enhance.median,
-            smooth_mm: plan.enhance.smooth_mm,
-        };
-        if settings.is_none() {
-            Self::of(plan, objects, skin_hu, volume, framing)
-        } else {
-            Self::of(
-                plan,
-                objects,
-                skin_hu,
-                &enhance(volume, &settings)?,
-                framing,
-            )
-        }
-    }
-
-    fn of(
-        plan: &Plan,
-        objects: &[plan::DrawnObject],
-        skin_hu: f64,
-        volume: &Volume<f32>,
-        framing: &Framing,
-    ) -> Result<Self, PicturesError> {
-        let keep_largest = plan.segment.keep_largest;
-        let skin = segment(volume, skin_hu, keep_largest)?;
+        let volume = objects::enhanced(plan, volume)?;
+        let skin = objects::skin(plan, skin_hu, &volume)?;
         let surface = |&drawn: &plan::DrawnObject| {
             let surface = match drawn.object {
-                plan::Object::Skin => semi_boundary(volume, &skin, skin_hu, framing.region)?,
+                plan::Object::Skin => semi_boundary(&volume, &skin, skin_hu, framing.region)?,
                 plan::Object::Bone => {
-                    // Bones are many, and the jaw is not the skull; but what is outside the skin is none.
-                    let bone_hu = plan.segment.bone_hu;
-                    let mut bone = segment(volume, bone_hu, false)?;
-                    if keep_largest {
-                        bone.intersect(&skin);
-                    }
-                    semi_boundary(volume, &bone, bone_hu, framing.region)?
+                    let bone = objects::bone(plan, &volume, &skin)?;
+                    semi_boundary(&volume, &bone, plan.segment.bone_hu, framing.region)?
                 }
             };
             Ok((drawn, surface))
