@@ -1,8 +1,7 @@
 //! Regional volumes of two real scans against counted voxels.
 #![allow(clippy::unwrap_used, reason = "a test stops where something is wrong")]
 
-use std::io::Write;
-use std::path::Path;
+mod real_data;
 
 use rhinoplan::feature::Landmarks;
 use rhinoplan::io::nifti;
@@ -42,14 +41,7 @@ fn measured(
     name: &str,
     landmarks: Landmarks<[f64; 3]>,
 ) -> Option<(RegionVolumes, f64, NoseGeometry)> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data")
-        .join(name);
-    if !path.exists() {
-        // Past the capture of passing tests, which `println!` would not get.
-        let _ = writeln!(std::io::stderr(), "skipped: {} is absent", path.display());
-        return None;
-    }
+    let path = real_data::path(name)?;
     let volume: AnyVolume = nifti::read(&path).unwrap().volume;
     let landmarks: Landmarks<GridPoint> =
         landmarks.map(|index| volume.grid().index_to_grid(ContinuousIndex::from(index)));

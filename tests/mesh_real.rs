@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use std::io::Write;
-use std::path::PathBuf;
+mod real_data;
 
 use rhinoplan::io::nifti::read;
 use rhinoplan::mesh::{SMOOTHING, decimate, is_cut, isosurface, smooth};
@@ -17,17 +16,9 @@ const BONE_HU: f64 = 300.0;
 #[test]
 fn heads_are_closed_manifolds_before_and_after_decimation() {
     for file in ["cranium.nii.gz", "headphantom.nii.gz"] {
-        let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-        let path = data.join(file);
-        if !path.exists() {
-            writeln!(
-                std::io::stderr(),
-                "skipped: {} is not there",
-                path.display()
-            )
-            .unwrap();
+        let Some(path) = real_data::path(file) else {
             continue;
-        }
+        };
         let ct = read(&path).unwrap();
         with_volume!(&ct.volume, volume => {
             let grid = volume.grid();

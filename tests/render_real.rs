@@ -5,8 +5,7 @@
     reason = "a test stops where something is wrong"
 )]
 
-use std::io::Write;
-use std::path::Path;
+mod real_data;
 
 use rhinoplan::io::nifti;
 use rhinoplan::render::{BACKGROUND, Camera, Direction, Frame, Object, Paint, SKIN, render};
@@ -20,14 +19,7 @@ const SIZE: usize = 512;
 
 /// A scan of the real data, if it is there. Both hold 16-bit integers.
 fn scan(name: &str) -> Option<Volume<i16>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data")
-        .join(name);
-    if !path.exists() {
-        // Past the capture of passing tests, which `println!` would not get.
-        let _ = writeln!(std::io::stderr(), "skipped: {} is absent", path.display());
-        return None;
-    }
+    let path = real_data::path(name)?;
     let AnyVolume::I16(volume) = nifti::read(&path).unwrap().volume else {
         panic!("{name} does not hold 16-bit integers");
     };

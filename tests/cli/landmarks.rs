@@ -1,13 +1,12 @@
 //! Landmarks from 3D Slicer: in a plan, and printed for one.
 
 use std::fs;
-use std::io::Write;
-use std::path::PathBuf;
 
 use serde_json::Value;
 
 use crate::head::{CANDIDATES, DIMS, SPACING, nifti, plan, put_sform};
 use crate::process::{Desk, Ran};
+use crate::real_data;
 
 /// Voxels of the landmarks of the small head's plans.
 const VOXELS: [(&str, [f64; 3]); 6] = [
@@ -220,20 +219,13 @@ fn real_markups_are_where_the_voxels_are() {
             ],
         ),
     ];
-    let data = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     for (name, voxels) in heads {
-        let [file, ct] = ["mrk.json", "nii.gz"].map(|end| data.join(format!("{name}.{end}")));
-        if !file.exists() || !ct.exists() {
-            // Past the capture of passing tests, which `println!` would not get.
-            let _ = writeln!(
-                std::io::stderr(),
-                "skipped: {} is not there",
-                file.display()
-            );
+        let [file, ct] =
+            ["mrk.json", "nii.gz"].map(|end| real_data::path(&format!("{name}.{end}")));
+        let (Some(file), Some(ct)) = (file, ct) else {
             continue;
-        }
+        };
         let desk = Desk::new();
-        let [file, ct] = [file, ct].map(|path| path.canonicalize().unwrap());
         let args = [
             "landmarks",
             file.to_str().unwrap(),

@@ -17,6 +17,8 @@ mod outputs;
 mod pictures;
 mod process;
 mod real;
+#[path = "../real_data/mod.rs"]
+mod real_data;
 mod same;
 mod skin;
 mod snap;

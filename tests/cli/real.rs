@@ -1,14 +1,12 @@
 //! Real heads, where they are at hand.
 
-use std::io::Write;
-use std::path::PathBuf;
-
 use glam::DVec3;
 use rhinoplan::io::nifti::read;
 use rhinoplan::volume::AnyVolume;
 use serde_json::Value;
 
 use crate::process::Desk;
+use crate::real_data;
 
 /// A head and its landmarks: nasal_bones, lip, alare_right, alare_left, tip, maxilla, in voxels.
 struct Head {
@@ -53,22 +51,6 @@ const NAMES: [&str; 6] = [
 /// Of sums and products of numbers below 1000.
 const ROUNDING: f64 = 1e-9;
 const MARGIN_MM: f64 = 20.0;
-
-fn data(file: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data")
-        .join(file);
-    if path.exists() {
-        return path.canonicalize().ok();
-    }
-    // Past the capture of passing tests, which `println!` would not get.
-    let _ = writeln!(
-        std::io::stderr(),
-        "skipped: {} is not there",
-        path.display()
-    );
-    None
-}
 
 fn plan(head: &Head, path: &std::path::Path, name: &str, rest: &str) -> String {
     let mut text = format!(
@@ -122,7 +104,7 @@ fn i16s(volume: &AnyVolume) -> &[i16] {
 #[test]
 fn two_stages_of_model_local() {
     for head in &HEADS {
-        let Some(path) = data(head.file) else {
+        let Some(path) = real_data::path(head.file) else {
             continue;
         };
         let desk = Desk::new();
@@ -206,7 +188,7 @@ fn two_stages_of_model_local() {
 #[test]
 fn one_stage_of_model_lee2001() {
     for head in &HEADS {
-        let Some(path) = data(head.file) else {
+        let Some(path) = real_data::path(head.file) else {
             continue;
         };
         let desk = Desk::new();

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use dicom_dictionary_std::uids;
 
 use crate::builder::{BIG_ENDIAN, Dir, SliceFile, rle, stack, tell};
-use crate::real::{data, twice};
+use crate::real::twice;
+use crate::real_data;
 
 /// How many files are tried, over all syntaxes; `RHINOPLAN_FUZZ` gives another number.
 const TRIES: usize = 4000;
@@ -140,7 +141,7 @@ fn changed_at_random() {
 /// As many hundredths: these are real slices, and decoding takes its time.
 #[test]
 fn packed_images_changed_at_random() {
-    let Some(folder) = data("dicom-syntaxes") else {
+    let Some(folder) = real_data::path("dicom-syntaxes") else {
         return;
     };
     let names = [

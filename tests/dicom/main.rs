@@ -13,6 +13,8 @@ mod geometry;
 mod hostile;
 mod program;
 mod real;
+#[path = "../real_data/mod.rs"]
+mod real_data;
 mod selection;
 mod values;
 

@@ -1,30 +1,23 @@
 //! Real scans, where they are at hand.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rhinoplan::io::dicom::{Folder, SeriesState};
 use rhinoplan::io::nifti;
 use rhinoplan::space::ContinuousIndex;
 
 use crate::builder::{Dir, hus, read, tell};
-
-pub fn data(name: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data")
-        .join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    tell(&format!("skipped: {} is not there", path.display()));
-    None
-}
+use crate::real_data;
 
 /// Positions in the two files are single-precision numbers of some hundreds of mm.
 const SAME_PLACE_MM: f64 = 1e-3;
 
 #[test]
 fn the_head_phantom_is_the_one_in_nifti() {
-    let (Some(folder), Some(file)) = (data("headphantom-dicom"), data("headphantom.nii.gz")) else {
+    let (Some(folder), Some(file)) = (
+        real_data::path("headphantom-dicom"),
+        real_data::path("headphantom.nii.gz"),
+    ) else {
         return;
     };
     let slices = read(&folder, None).unwrap();
@@ -81,7 +74,7 @@ fn the_head_phantom_is_the_one_in_nifti() {
 
 #[test]
 fn the_tilted_series_is_refused_with_angle_and_gaps() {
-    let Some(folder) = data("tilted-dicom") else {
+    let Some(folder) = real_data::path("tilted-dicom") else {
         return;
     };
     let message = read(&folder, None).unwrap_err().to_string();
@@ -159,7 +152,7 @@ fn moved(bytes: &[u8]) -> Vec<u8> {
 
 #[test]
 fn every_transfer_syntax_decodes_or_is_refused_by_name() {
-    let Some(folder) = data("dicom-syntaxes") else {
+    let Some(folder) = real_data::path("dicom-syntaxes") else {
         return;
     };
     let plain = twice(&folder.join("LittleEndianExplicit_1.2.840.10008.1.2.1.dcm"));
@@ -193,7 +186,7 @@ fn every_transfer_syntax_decodes_or_is_refused_by_name() {
 
 #[test]
 fn files_without_pixels_or_spacing() {
-    let Some(folder) = data("dicom-syntaxes") else {
+    let Some(folder) = real_data::path("dicom-syntaxes") else {
         return;
     };
     for (name, message) in [

@@ -12,4 +12,6 @@ mod builder;
 mod displacement;
 mod hostile;
 mod real;
+#[path = "../real_data/mod.rs"]
+mod real_data;
 mod roundtrip;

@@ -1,29 +1,11 @@
 //! Real scans, where they are at hand.
 
-use std::io::Write;
-use std::path::PathBuf;
-
 use rhinoplan::io::nifti::{Transform, read, read_header, save_volume};
 use rhinoplan::volume::SampleType;
 use rhinoplan::with_volume;
 
 use crate::builder::Folder;
-
-fn data(name: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data")
-        .join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    // Past the capture of passing tests, which `println!` would not get.
-    let _ = writeln!(
-        std::io::stderr(),
-        "skipped: {} is not there",
-        path.display()
-    );
-    None
-}
+use crate::real_data;
 
 fn inflate(path: &std::path::Path) -> Vec<u8> {
     let packed = std::fs::read(path).unwrap();
@@ -38,7 +20,7 @@ fn inflate(path: &std::path::Path) -> Vec<u8> {
 
 #[test]
 fn headers_of_real_scans() {
-    if let Some(path) = data("cranium.nii.gz") {
+    if let Some(path) = real_data::path("cranium.nii.gz") {
         let template = read_header(&path).unwrap();
         assert_eq!(template.grid().dims(), [256, 256, 108]);
         assert_eq!(template.orientation().to_string(), "LPS");
@@ -53,7 +35,7 @@ fn headers_of_real_scans() {
             "{spacing}"
         );
     }
-    if let Some(path) = data("headphantom.nii.gz") {
+    if let Some(path) = real_data::path("headphantom.nii.gz") {
         let template = read_header(&path).unwrap();
         let spacing = template.grid().spacing();
         assert!(
@@ -69,7 +51,9 @@ fn headers_of_real_scans() {
 #[test]
 fn samples_of_real_scans_come_back_byte_for_byte() {
     for name in ["cranium.nii.gz", "headphantom.nii.gz"] {
-        let Some(path) = data(name) else { continue };
+        let Some(path) = real_data::path(name) else {
+            continue;
+        };
         let folder = Folder::new();
         let scan = read(&path).unwrap();
         let out = folder.path().join(name);
