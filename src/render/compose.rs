@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::layer::{Layer, NO_EDGE, NOTHING, SAMPLES};
-use super::shade::{BACKGROUND, Encoder, Paint, linear};
+use super::shade::{BACKGROUND, Paint, Srgb};
 use crate::surface::SemiBoundary;
 
 /// Something to draw.
@@ -47,29 +47,15 @@ pub fn render<'a>(objects: &[Object<'a>], camera: &Camera) -> Frame<'a> {
         .map(|object| Layer::new(object, camera))
         .collect();
     let size = camera.size();
-    let encoder = Encoder::new();
-    let light: [f32; 256] = std::array::from_fn(|value| linear(value as u8));
-    let mut pixels = vec![[0_u8; 3]; size * size];
+    let mut pixels = vec![[0; 3]; size * size];
     pixels
         .par_chunks_mut(size)
         .enumerate()
-        .for_each(|(row, line)| {
-            for (column, pixel) in line.iter_mut().enumerate() {
-                let place = row * size + column;
-                // Most pixels show one thing, or nothing, and no edge passes them.
-                *pixel = match &layers[..] {
-                    [layer] if layer.is_plain(place) => {
-                        let [r, g, b, _] = layer.rgba[place];
-                        [r, g, b]
-                    }
-                    _ if layers.iter().all(|layer| layer.is_empty(place)) => BACKGROUND,
-                    _ => {
-                        let colour = composed(&layers, &light, column, row);
-                        colour.map(|value| encoder.encode(value))
-                    }
-                };
-            }
+        .for_each(|(row, line)| match &layers[..] {
+            [layer] => layer.show(row, line),
+            layers => show(layers, row, line),
         });
+
     Frame {
         size,
         pixels,
@@ -142,9 +128,22 @@ impl Frame<'_> {
 /// later is seen, mm.
 const LATER_MM: f32 = 0.05;
 
-/// The layers at a pixel, the nearest on top, in linear light.
-fn composed(layers: &[Layer], light: &[f32; 256], column: usize, row: usize) -> [f32; 3] {
-    let mut colour = BACKGROUND.map(|value| light[usize::from(value)]);
+/// A row of pixels of layers over each other.
+fn show(layers: &[Layer], row: usize, line: &mut [[u8; 3]]) {
+    let begin = row * line.len();
+    for (column, pixel) in line.iter_mut().enumerate() {
+        *pixel = if layers.iter().all(|layer| layer.is_empty(begin + column)) {
+            BACKGROUND
+        } else {
+            composed(layers, column, row)
+        };
+    }
+}
+
+/// The layers at a pixel, the nearest on top.
+fn composed(layers: &[Layer], column: usize, row: usize) -> [u8; 3] {
+    let srgb = Srgb::tables();
+    let mut colour = BACKGROUND.map(|value| srgb.linear(value));
     let mut put = |[r, g, b, a]: [f32; 4]| {
         colour = [
             r + colour[0] * (1.0 - a),
@@ -153,8 +152,8 @@ fn composed(layers: &[Layer], light: &[f32; 256], column: usize, row: usize) -> 
         ];
     };
     if let [layer] = layers {
-        put(layer.smoothed(light, column, row));
-        return colour;
+        put(layer.smoothed(column, row));
+        return colour.map(|value| srgb.encode(value));
     }
     // From the furthest to the nearest; a handful at most.
     let mut order: Vec<(f32, &Layer)> = layers
@@ -169,9 +168,9 @@ fn composed(layers: &[Layer], light: &[f32; 256], column: usize, row: usize) -> 
         .collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (_, layer) in order {
-        put(layer.smoothed(light, column, row));
+        put(layer.smoothed(column, row));
     }
-    colour
+    colour.map(|value| srgb.encode(value))
 }
 
 impl Layer {
@@ -181,31 +180,35 @@ impl Layer {
         self.place[pixel] == NOTHING && self.near[pixel] == NO_EDGE
     }
 
-    /// Whether a pixel shows something opaque, and no edge passes it.
-    #[inline]
-    fn is_plain(&self, pixel: usize) -> bool {
-        self.rgba[pixel][3] == u8::MAX && self.near[pixel] == NO_EDGE
+    /// A row of pixels of this layer alone.
+    fn show(&self, row: usize, line: &mut [[u8; 3]]) {
+        let range = row * self.size..(row + 1) * self.size;
+        let shown = self.rgba[range.clone()].iter().zip(&self.near[range]);
+        for (column, (pixel, (&[r, g, b, a], &near))) in line.iter_mut().zip(shown).enumerate() {
+            // Most pixels show one thing, or nothing, and no edge passes them.
+            match (a, near) {
+                (u8::MAX, NO_EDGE) => *pixel = [r, g, b],
+                (0, NO_EDGE) => *pixel = BACKGROUND,
+                _ => *pixel = composed(std::slice::from_ref(self), column, row),
+            }
+        }
     }
 
     /// The linear light of a pixel times its opacity, and its opacity.
-    fn light(&self, light: &[f32; 256], pixel: usize) -> [f32; 4] {
-        let [r, g, b, a] = self.rgba[pixel].map(usize::from);
-        let opacity = a as f32 / 255.0;
-        [
-            light[r] * opacity,
-            light[g] * opacity,
-            light[b] * opacity,
-            opacity,
-        ]
+    fn light(&self, pixel: usize) -> [f32; 4] {
+        let [r, g, b, a] = self.rgba[pixel];
+        let opacity = f32::from(a) / 255.0;
+        let [r, g, b] = [r, g, b].map(|value| Srgb::tables().linear(value) * opacity);
+        [r, g, b, opacity]
     }
 
     /// The light of a pixel; at an edge, that of its near and far side by their shares.
-    fn smoothed(&self, light: &[f32; 256], column: usize, row: usize) -> [f32; 4] {
+    fn smoothed(&self, column: usize, row: usize) -> [f32; 4] {
         let size = self.size;
         let here = row * size + column;
         let samples = self.near[here];
         if samples == NO_EDGE {
-            return self.light(light, here);
+            return self.light(here);
         }
         let share = f32::from(samples) / SAMPLES.len() as f32;
         let (mut near, mut far) = (here, here);
@@ -230,7 +233,7 @@ impl Layer {
         } else {
             far = here;
         }
-        let (near, far) = (self.light(light, near), self.light(light, far));
+        let (near, far) = (self.light(near), self.light(far));
         std::array::from_fn(|channel| near[channel] * share + far[channel] * (1.0 - share))
     }
 }

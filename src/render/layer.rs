@@ -5,12 +5,16 @@ use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::compose::Object;
-use super::shade::{Paint, Shader};
+use super::shade::{self, Normals, Paint, Shader};
 use super::splat::{Clips, Eye, FLAT, QUAD, Splat};
+use super::squares::Squares;
 use crate::surface::SemiBoundary;
 
 /// Rows of a picture that are drawn at a time: small enough for a core's cache.
 const BAND: usize = 64;
+/// Weight of a disc some way behind the foremost one. At the rim of something the foremost disc may be there
+/// with its own rim only; one pixel of its colour would be a speck.
+const FAINT: f32 = 1.0 / 16.0;
 /// No voxel is at this pixel.
 pub(super) const NOTHING: u32 = u32::MAX;
 
@@ -58,9 +62,9 @@ impl Layer {
         let mut layer = Self {
             size,
             rgba: vec![[0; 4]; pixels],
-            depth: vec![f32::NEG_INFINITY; pixels],
-            place: vec![NOTHING; pixels],
-            near: vec![NO_EDGE; pixels],
+            depth: filled(f32::NEG_INFINITY, pixels),
+            place: filled(NOTHING, pixels),
+            near: filled(NO_EDGE, pixels),
         };
         let eye = Eye::new(camera, object.surface);
         let painter = Painter {
@@ -95,6 +99,11 @@ impl Layer {
     }
 }
 
+/// Memory is slow to come by: every worker takes its share.
+fn filled<V: Copy + Send + Sync>(value: V, len: usize) -> Vec<V> {
+    rayon::iter::repeat_n(value, len).collect()
+}
+
 struct Painter<'a> {
     object: &'a Object<'a>,
     eye: Eye,
@@ -125,11 +134,11 @@ struct Row {
 
 /// A band with a row more on either side, so that the edges at its rim are seen.
 #[derive(Debug, Clone, Copy)]
-struct Span {
+pub(super) struct Span {
     /// First row; may be the one above the picture.
-    first: isize,
-    rows: usize,
-    quads: usize,
+    pub first: isize,
+    pub rows: usize,
+    pub quads: usize,
 }
 
 impl Span {
@@ -175,8 +184,8 @@ impl Front {
         place: bits(NOTHING),
     };
 
-    fn place(&self, lane: usize) -> u32 {
-        self.place[lane].to_bits()
+    fn places(&self) -> [u32; QUAD] {
+        self.place.to_array().map(f32::to_bits)
     }
 }
 
@@ -194,6 +203,17 @@ struct Sums {
     weight: Vec4,
 }
 
+/// What was drawn into a span, not yet shaded.
+struct Drawn {
+    fronts: Vec<Front>,
+    sums: Vec<Sums>,
+    /// Sums of weighted values; none where the object has one colour.
+    values: Vec<Vec4>,
+    edges: Edges,
+    /// Depth at the samples of the quads at edges.
+    samples: Vec<[Vec4; SAMPLES.len()]>,
+}
+
 /// The middles of a quad's pixels from the first one's left edge.
 const MIDDLES: Vec4 = Vec4::new(0.5, 1.5, 2.5, 3.5);
 
@@ -207,8 +227,9 @@ impl Painter<'_> {
         };
         let mut splats = self.splats(span);
         let fronts = self.fronts(&splats, span);
-        let hidden = Hidden::new(&fronts, span);
-        splats.retain(|splat| !hidden.hides(splat, span, self.blend_mm));
+        let depths = fronts.iter().map(|front| front.depth.min_element());
+        let furthest = Squares::furthest(depths, span);
+        splats.retain(|splat| !furthest.hide(splat, span, self.faint_mm()));
         let mut sums = vec![Sums::default(); span.len()];
         self.blend(&splats, &fronts, span, |quad, splat, weight| {
             if let Some(sum) = sums.get_mut(quad) {
@@ -229,40 +250,60 @@ impl Painter<'_> {
         }
         let edges = self.edges(&fronts, span);
         let samples = self.samples(&splats, &edges, span);
-        let pixels = band
-            .rgba
-            .iter_mut()
-            .zip(band.depth)
-            .zip(band.place)
-            .zip(band.near);
-        let mut pixels = pixels.map(|(((rgba, depth), place), near)| (rgba, depth, place, near));
-        for row in 1..=height {
+        let drawn = Drawn {
+            fronts,
+            sums,
+            values,
+            edges,
+            samples,
+        };
+        self.fill(band, span, &drawn);
+    }
+
+    /// Shades what was drawn into a band.
+    fn fill(&self, band: Band<'_>, span: Span, drawn: &Drawn) {
+        let lines = (band.rgba.chunks_mut(self.size))
+            .zip(band.depth.chunks_mut(self.size))
+            .zip(band.place.chunks_mut(self.size))
+            .zip(band.near.chunks_mut(self.size));
+        for (row, (((rgba, depth), place), near)) in (1..).zip(lines) {
             let line = row * span.quads;
-            let quads = line..line + span.quads;
-            let of_line = pixels.by_ref().take(self.size);
-            let lanes = quads.flat_map(|quad| (0..QUAD).map(move |lane| (quad, lane)));
-            for ((quad, lane), (rgba, depth, to, near)) in lanes.zip(of_line) {
-                let number = edges.of_quad[quad];
+            // The last quad of a row may reach beyond it.
+            let quads = (rgba.chunks_mut(QUAD))
+                .zip(depth.chunks_mut(QUAD))
+                .zip(place.chunks_mut(QUAD))
+                .zip(near.chunks_mut(QUAD));
+            for (quad, (((rgba, depth), place), near)) in (line..).zip(quads) {
+                let number = drawn.edges.of_quad[quad];
                 if number != NOTHING {
-                    *near = edges.share(number as usize, lane, &samples);
+                    for (lane, near) in near.iter_mut().enumerate() {
+                        *near = drawn.edges.share(number as usize, lane, &drawn.samples);
+                    }
                 }
-                let front = &fronts[quad];
-                let place = front.place(lane);
-                if place == NOTHING {
+                let front = &drawn.fronts[quad];
+                let places = front.places();
+                if places == [NOTHING; QUAD] {
                     continue;
                 }
-                let sum = &sums[quad];
-                let normal = Vec3::new(sum.x[lane], sum.y[lane], sum.z[lane]);
-                let normal = normal.normalize_or(Vec3::Z);
-                let weight = sum.weight[lane];
-                let value = match values.get(quad) {
-                    Some(sum) if weight > 0.0 => sum[lane] / weight,
-                    _ => 0.0,
-                };
-                let cut = place & FLAT != 0;
-                *rgba = self.shader.shade(&self.object.paint, normal, value, cut);
-                *depth = front.depth[lane];
-                *to = place & !FLAT;
+                let Sums { x, y, z, weight } = drawn.sums[quad];
+                let shaded = self.shader.shade(
+                    &self.object.paint,
+                    &shade::Quad {
+                        normals: Normals { x, y, z },
+                        values: drawn.values.get(quad).map_or(Vec4::ZERO, |&sum| {
+                            Vec4::select(weight.cmpgt(Vec4::ZERO), sum / weight, Vec4::ZERO)
+                        }),
+                        cut: flat(places),
+                    },
+                );
+                let lanes = rgba.iter_mut().zip(depth).zip(place).enumerate();
+                for (lane, ((rgba, depth), to)) in lanes {
+                    if places[lane] != NOTHING {
+                        *rgba = shaded[lane];
+                        *depth = front.depth[lane];
+                        *to = places[lane] & !FLAT;
+                    }
+                }
             }
         }
     }
@@ -300,8 +341,12 @@ impl Painter<'_> {
         span: Span,
         mut add: impl FnMut(usize, &Splat, Vec4),
     ) {
-        let blend_mm = Vec4::splat(self.blend_mm);
+        let (near_mm, far_mm) = (Vec4::splat(self.blend_mm), Vec4::splat(self.faint_mm()));
         for splat in splats {
+            let (near, far) = (
+                Vec4::splat(splat.strength),
+                Vec4::splat(FAINT * splat.strength),
+            );
             for row in span.rows_of(splat) {
                 let line = Line::new(splat, span.first + row as isize);
                 let (range, from) = span.quads_of(&line, row);
@@ -311,14 +356,20 @@ impl Painter<'_> {
                 };
                 for (quad, front) in fronts.iter().enumerate() {
                     let dx = line.dx(from + quad);
-                    let near = line.depth(dx) + blend_mm;
+                    let behind = front.depth - line.depth(dx);
+                    let strength = Vec4::select(behind.cmple(far_mm), far, Vec4::ZERO);
+                    let strength = Vec4::select(behind.cmple(near_mm), near, strength);
                     let falling = (Vec4::ONE - line.q(dx)).max(Vec4::ZERO);
-                    let weight =
-                        Vec4::select(near.cmpge(front.depth), falling * falling, Vec4::ZERO);
+                    let weight = falling * falling * strength;
                     add(begin + quad, splat, weight);
                 }
             }
         }
+    }
+
+    /// Discs within this depth of the foremost are what is seen where that has next to no weight.
+    fn faint_mm(&self) -> f32 {
+        3.0 * self.blend_mm
     }
 
     /// The quads that hold a pixel at an edge of depth.
@@ -382,7 +433,12 @@ impl Painter<'_> {
         if all.is_empty() {
             return all;
         }
+        let at_edges = edges.of_quad.iter().map(|&number| number != NOTHING);
+        let at_edges = Squares::marked(at_edges, span);
         for splat in splats {
+            if !at_edges.any_below(splat, span) {
+                continue;
+            }
             for row in span.rows_of(splat) {
                 // A sample may be hit where no middle of a pixel is.
                 let begin = (splat.x - splat.half_width - 0.5) as u32 as usize / QUAD;
@@ -521,7 +577,8 @@ struct Line {
     clips: Option<Clips>,
     /// From the disc's middle to the row's.
     dy: f32,
-    /// From where to where the disc reaches, pixels; may be beyond the picture.
+    /// From where to where the disc reaches on any row, pixels; may be beyond the picture. To find this
+    /// for each row takes longer than to look at the pixels beside the ellipse.
     reach: (f32, f32),
 }
 
@@ -538,7 +595,7 @@ impl Line {
             zx: Vec4::splat(splat.zx),
             clips: splat.clips,
             dy,
-            reach: splat.reach(dy),
+            reach: (splat.x - splat.half_width, splat.x + splat.half_width),
         }
     }
 
@@ -599,53 +656,14 @@ impl Line {
     }
 }
 
-/// Rows and quads of the squares in which [`Hidden`] looks at a band.
-const SQUARE: usize = 8;
-
-/// The furthest depth in each square of a band: a disc that is behind it everywhere adds nothing.
-struct Hidden {
-    furthest: Vec<f32>,
-    across: usize,
-    down: usize,
-}
-
-impl Hidden {
-    fn new(fronts: &[Front], span: Span) -> Self {
-        let quads_of_square = SQUARE / QUAD;
-        let across = span.quads.div_ceil(quads_of_square);
-        let down = span.rows.div_ceil(SQUARE);
-        let mut furthest = vec![f32::INFINITY; across * down];
-        for (place, front) in fronts.iter().enumerate() {
-            let (row, quad) = (place / span.quads, place % span.quads);
-            let square = row / SQUARE * across + quad / quads_of_square;
-            furthest[square] = furthest[square].min(front.depth.min_element());
-        }
-        Self {
-            furthest,
-            across,
-            down,
-        }
-    }
-
-    fn hides(&self, splat: &Splat, span: Span, blend_mm: f32) -> bool {
-        let nearest = splat.z
-            + splat.zx.abs() * splat.half_width
-            + splat.zy.abs() * splat.half_height
-            + blend_mm;
-        let square = |at: f32, last: usize| ((at.max(0.0) as usize) / SQUARE).min(last);
-        let y = splat.y - span.first as f32;
-        let (top, bottom) = (
-            square(y - splat.half_height, self.down - 1),
-            square(y + splat.half_height, self.down - 1),
-        );
-        let (left, right) = (
-            square(splat.x - splat.half_width, self.across - 1),
-            square(splat.x + splat.half_width, self.across - 1),
-        );
-        (top..=bottom).all(|row| {
-            let squares = row * self.across + left..=row * self.across + right;
-            self.furthest[squares].iter().all(|&depth| nearest < depth)
-        })
+/// Which of four places are flat ends.
+#[inline]
+fn flat(places: [u32; QUAD]) -> BVec4A {
+    // Most quads have none.
+    if places.iter().fold(0, |bits, place| bits | place) & FLAT == 0 {
+        BVec4A::FALSE
+    } else {
+        BVec4A::from_array(places.map(|place| place & FLAT != 0))
     }
 }
 

@@ -16,6 +16,7 @@ mod compose;
 mod layer;
 mod shade;
 mod splat;
+mod squares;
 
 pub use camera::{Camera, CameraError, Direction, Projected};
 pub use compose::{Frame, Hit, Object, render};

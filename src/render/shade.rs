@@ -1,6 +1,10 @@
 //! From a normal to a colour.
 
-use glam::Vec3;
+use std::sync::OnceLock;
+
+use glam::{BVec4A, Vec3, Vec4};
+
+use super::splat::QUAD;
 
 /// What is behind everything, sRGB.
 pub const BACKGROUND: [u8; 3] = [28, 28, 34];
@@ -48,8 +52,7 @@ pub(super) struct Shader {
     lights: [Light; 3],
     /// Half-way between the first light and the viewer.
     half: Vec3,
-    linear: [f32; 256],
-    encoder: Encoder,
+    srgb: &'static Srgb,
 }
 
 /// Light from everywhere.
@@ -75,56 +78,140 @@ impl Shader {
             opacity: opacity as f32,
             half: (lights[0].direction + Vec3::Z).normalize(),
             lights,
-            linear: std::array::from_fn(|value| linear(value as u8)),
-            encoder: Encoder::new(),
+            srgb: Srgb::tables(),
         }
     }
 
-    /// sRGB, and opacity of 255.
-    pub(super) fn shade(&self, paint: &Paint<'_>, normal: Vec3, value: f32, cut: bool) -> [u8; 4] {
-        let colour = match paint {
-            Paint::Plain(colour) => *colour,
-            Paint::Scalar { colour, .. } => colour(value),
-        };
-        // A light reaches a little around the edge of its shadow, as in tissue, and fades out.
-        let lit = |light: &Light| {
-            let facing = (normal.dot(light.direction) + WRAP).max(0.0) / (1.0 + WRAP);
-            light.strength * facing * facing
-        };
-        let diffuse = AMBIENT + self.lights.iter().map(lit).sum::<f32>();
-        let diffuse = if cut { CUT * diffuse } else { diffuse };
-        let shine = if cut {
-            0.0
-        } else {
-            power_32(normal.dot(self.half)) * GLOSS
-        };
-        // What is translucent is seen through a longer way where it is seen edge on.
-        let opacity = if self.opacity < 1.0 {
-            let way = 1.0 / normal.z.max(0.25);
-            1.0 - libm::powf(1.0 - self.opacity, way)
-        } else {
-            1.0
-        };
-        let channel = |value: u8| {
-            self.encoder
-                .encode(self.linear[usize::from(value)] * diffuse + shine)
-        };
-        let [r, g, b] = colour.map(channel);
-        [r, g, b, (opacity * 255.0 + 0.5) as u8]
+    /// sRGB and opacity of 255 of four pixels, given the sums of their normals and what they are coloured by.
+    #[inline]
+    pub(super) fn shade(&self, paint: &Paint<'_>, quad: &Quad) -> [[u8; 4]; QUAD] {
+        let normal = quad.unit_normals();
+        let diffuse = self.lights.iter().fold(Vec4::splat(AMBIENT), |sum, light| {
+            // A light reaches a little around the edge of its shadow, as in tissue, and fades out.
+            let facing = (normal.dot(light.direction) + WRAP).max(Vec4::ZERO) / (1.0 + WRAP);
+            sum + light.strength * facing * facing
+        });
+        let diffuse = Vec4::select(quad.cut, CUT * diffuse, diffuse);
+        let shine = power_32(normal.dot(self.half)) * GLOSS;
+        let shine = Vec4::select(quad.cut, Vec4::ZERO, shine);
+        let [r, g, b] = match paint {
+            Paint::Plain(colour) => colour.map(|value| Vec4::splat(self.srgb.linear(value))),
+            Paint::Scalar { colour, .. } => {
+                let lanes = quad.values.to_array().map(colour);
+                [0, 1, 2]
+                    .map(|channel| Vec4::from(lanes.map(|lane| self.srgb.linear(lane[channel]))))
+            }
+        }
+        .map(|colour| self.srgb.encode_quad(colour * diffuse + shine));
+        let a = self.opacity(normal.z);
+        std::array::from_fn(|lane| [r[lane], g[lane], b[lane], a[lane]])
+    }
+
+    /// What is translucent is seen through a longer way where it is seen edge on.
+    #[inline]
+    fn opacity(&self, facing: Vec4) -> [u8; QUAD] {
+        if self.opacity >= 1.0 {
+            return [u8::MAX; QUAD];
+        }
+        facing.to_array().map(|facing| {
+            let way = 1.0 / facing.max(0.25);
+            let opacity = 1.0 - libm::powf(1.0 - self.opacity, way);
+            (opacity * 255.0 + 0.5) as u8
+        })
     }
 }
 
-fn power_32(value: f32) -> f32 {
-    let mut power = value.max(0.0);
+/// Four pixels to shade.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Quad {
+    /// Normals of any length: right, up, towards the viewer.
+    pub normals: Normals,
+    /// What they are coloured by, where they are coloured by a value.
+    pub values: Vec4,
+    /// Whether they show what a cut or the end of the scan lays open.
+    pub cut: BVec4A,
+}
+
+/// Four vectors, by component.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Normals {
+    pub x: Vec4,
+    pub y: Vec4,
+    pub z: Vec4,
+}
+
+impl Normals {
+    #[inline]
+    fn dot(&self, to: Vec3) -> Vec4 {
+        self.x * to.x + self.y * to.y + self.z * to.z
+    }
+}
+
+impl Quad {
+    /// Of length 1; towards the viewer where there is none.
+    #[inline]
+    fn unit_normals(&self) -> Normals {
+        let Normals { x, y, z } = self.normals;
+        let inverse = (x * x + y * y + z * z).sqrt().recip();
+        let known = inverse.cmpgt(Vec4::ZERO) & inverse.cmplt(Vec4::INFINITY);
+        Normals {
+            x: Vec4::select(known, x * inverse, Vec4::ZERO),
+            y: Vec4::select(known, y * inverse, Vec4::ZERO),
+            z: Vec4::select(known, z * inverse, Vec4::ONE),
+        }
+    }
+}
+
+#[inline]
+fn power_32(value: Vec4) -> Vec4 {
+    let mut power = value.max(Vec4::ZERO);
     for _ in 0..5 {
         power *= power;
     }
     power
 }
 
-/// From sRGB to linear light (IEC 61966-2-1).
-pub(super) fn linear(value: u8) -> f32 {
-    let value = f32::from(value) / 255.0;
+/// Steps of the table from linear light to sRGB.
+const STEPS: usize = 4096;
+
+/// Between sRGB and linear light (IEC 61966-2-1), by tables.
+#[derive(Debug)]
+pub(super) struct Srgb {
+    linear: [f32; 256],
+    encoded: [u8; STEPS],
+}
+
+impl Srgb {
+    pub(super) fn tables() -> &'static Self {
+        static TABLES: OnceLock<Srgb> = OnceLock::new();
+        TABLES.get_or_init(|| Self {
+            linear: std::array::from_fn(|value| to_linear(value as f32 / 255.0)),
+            encoded: std::array::from_fn(|step| to_srgb(step as f32 / (STEPS - 1) as f32)),
+        })
+    }
+
+    #[inline]
+    pub(super) fn linear(&self, value: u8) -> f32 {
+        self.linear[usize::from(value)]
+    }
+
+    #[inline]
+    pub(super) fn encode(&self, value: f32) -> u8 {
+        self.encode_quad(Vec4::splat(value))[0]
+    }
+
+    /// Four values; what is beyond 0 and 1 as these.
+    #[inline]
+    fn encode_quad(&self, values: Vec4) -> [u8; QUAD] {
+        // Added to a number below it, this rounds it to a whole one, which is then in its lowest bits.
+        const LIFT: f32 = (1 << 23) as f32;
+        let steps = values.clamp(Vec4::ZERO, Vec4::ONE) * (STEPS - 1) as f32 + LIFT;
+        let encode = |step: f32| self.encoded[step.to_bits() as usize % STEPS];
+        steps.to_array().map(encode)
+    }
+}
+
+fn to_linear(value: f32) -> f32 {
     if value <= 0.040_45 {
         value / 12.92
     } else {
@@ -132,32 +219,13 @@ pub(super) fn linear(value: u8) -> f32 {
     }
 }
 
-/// Steps of the table from linear light to sRGB.
-const STEPS: usize = 4096;
-
-/// From linear light to sRGB, by a table.
-#[derive(Debug, Clone)]
-pub(super) struct Encoder(Vec<u8>);
-
-impl Encoder {
-    pub(super) fn new() -> Self {
-        let encode = |step: usize| {
-            let value = step as f32 / (STEPS - 1) as f32;
-            let value = if value <= 0.003_130_8 {
-                value * 12.92
-            } else {
-                1.055 * libm::powf(value, 1.0 / 2.4) - 0.055
-            };
-            (value * 255.0).round() as u8
-        };
-        Self((0..STEPS).map(encode).collect())
-    }
-
-    #[inline]
-    pub(super) fn encode(&self, value: f32) -> u8 {
-        let step = (value.clamp(0.0, 1.0) * (STEPS - 1) as f32 + 0.5) as usize;
-        self.0.get(step).copied().unwrap_or(u8::MAX)
-    }
+fn to_srgb(value: f32) -> u8 {
+    let value = if value <= 0.003_130_8 {
+        value * 12.92
+    } else {
+        1.055 * libm::powf(value, 1.0 / 2.4) - 0.055
+    };
+    (value * 255.0).round() as u8
 }
 
 #[cfg(test)]
@@ -166,9 +234,9 @@ mod tests {
 
     #[test]
     fn srgb_returns() {
-        let encoder = Encoder::new();
+        let srgb = Srgb::tables();
         for value in 0..=255 {
-            let back = encoder.encode(linear(value));
+            let back = srgb.encode(srgb.linear(value));
             // The table is coarse where sRGB is steep.
             assert!(
                 back.abs_diff(value) <= u8::from(value < 12),

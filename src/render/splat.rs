@@ -89,13 +89,12 @@ pub(super) struct Splat {
     pub a: f32,
     pub b: f32,
     pub c: f32,
-    /// b/a, 1/a, and (c - b²/a)/a: what the reach of a row needs.
-    slant: f32,
-    across: f32,
-    narrowing: f32,
     /// How far the ellipse reaches from its middle to either side, and up and down, pixels.
     pub half_width: f32,
     pub half_height: f32,
+    /// Share of the ellipse's area that is the disc's: what the low pass adds is spread thinner (Zwicker et
+    /// al. 2002, doi:10.1109/TVCG.2002.1021576).
+    pub strength: f32,
     /// Place in the semi-boundary.
     pub place: u32,
     /// Unit normal: right, up, towards the viewer.
@@ -263,11 +262,16 @@ impl Eye {
         let c = m.dd + 2.0 * zy * m.dt + zy * zy * m.tt;
         // Widened by the low pass, as a covariance.
         let scale = radius * radius / (a * c - b * b);
-        let (xx, xy, yy) = (c * scale + LOW_PASS, -b * scale, a * scale + LOW_PASS);
+        let (xx, xy, yy) = (c * scale, -b * scale, a * scale);
+        // How depth goes with what lies on the picture, as covariances.
+        let (xz, yz) = (zx * xx + zy * xy, zx * xy + zy * yy);
+        let (xx, yy) = (xx + LOW_PASS, yy + LOW_PASS);
+        let narrow = (xx - LOW_PASS) * (yy - LOW_PASS) - xy * xy;
         let det = xx * yy - xy * xy;
         let (a, b, c) = (yy / det, -xy / det, xx / det);
-        let across = det / yy;
-        let slant = b * across;
+        // A disc that is seen edge on is as deep as its middle is wherever only the low pass has it reach: on
+        // with its own slope it would stand out far before what is there.
+        let (zx, zy) = (a * xz + b * yz, b * xz + c * yz);
         Splat {
             x: centre.x,
             y: centre.y,
@@ -277,11 +281,9 @@ impl Eye {
             a,
             b,
             c,
-            slant,
-            across,
-            narrowing: c * across - slant * slant,
             half_width: xx.sqrt(),
             half_height: yy.sqrt(),
+            strength: (narrow / det).max(0.0).sqrt(),
             place,
             normal: seen,
             clips: None,
@@ -367,20 +369,6 @@ impl Ends {
 }
 
 impl Splat {
-    /// From where to where, in pixels, the ellipse reaches `dy` below its middle; an empty range where it
-    /// does not reach so far.
-    #[inline]
-    pub(super) fn reach(&self, dy: f32) -> (f32, f32) {
-        let middle = -self.slant * dy;
-        let square = self.across - self.narrowing * dy * dy;
-        if square <= 0.0 {
-            return (0.0, 0.0);
-        }
-        let half = square.sqrt();
-        let centre = self.x + middle;
-        (centre - half, centre + half)
-    }
-
     /// First row, and one after the last, that the ellipse reaches into.
     #[inline]
     pub(super) fn rows(&self) -> (isize, isize) {

@@ -1,7 +1,7 @@
-use glam::{DVec3, Vec3};
+use glam::{BVec4A, DVec3, Vec3, Vec4};
 use ndarray::Array3;
 
-use super::shade::Shader;
+use super::shade::{Normals, Quad, Shader};
 use super::*;
 use crate::space::{Grid, GridPoint};
 use crate::surface::{Region, SemiBoundary, semi_boundary};
@@ -123,7 +123,16 @@ fn a_ball_is_a_disc_with_its_own_shading_from_everywhere() {
                 if r < 0.9 * radius {
                     let depth = (radius * radius - r * r).sqrt();
                     let normal = Vec3::new(x as f32, y as f32, depth as f32).normalize();
-                    let [red, green, blue, _] = shader.shade(&objects[0].paint, normal, 0.0, false);
+                    let quad = Quad {
+                        normals: Normals {
+                            x: Vec4::splat(normal.x),
+                            y: Vec4::splat(normal.y),
+                            z: Vec4::splat(normal.z),
+                        },
+                        values: Vec4::ZERO,
+                        cut: BVec4A::FALSE,
+                    };
+                    let [[red, green, blue, _], ..] = shader.shade(&objects[0].paint, &quad);
                     let expected = [red, green, blue];
                     for (found, expected) in pixel.iter().zip(expected) {
                         assert!(
@@ -271,6 +280,90 @@ fn no_holes_at_any_zoom_and_angle() {
         no_holes(&body, inside, from, 50.0, 64);
         no_holes(&body, inside, from, 50.0, 11);
         no_holes(&body, inside, from, 9.0, 96);
+    }
+}
+
+/// A step with sharp edges: its upper half lies 8 mm before its lower half.
+fn step() -> (SemiBoundary, impl Fn(DVec3) -> bool) {
+    let distance = |p: DVec3| {
+        let upper = (12.3 - p.y).max(20.4 + 0.05 * (p.x - 20.0) - p.z);
+        upper.min(20.3 - p.y)
+    };
+    let step = surface([80, 40, 40], [0.5, 1.0, 1.0], None, distance);
+    (step, move |p: DVec3| distance(p) < 0.0)
+}
+
+#[test]
+fn a_face_seen_edge_on_does_not_stand_out() {
+    let (step, inside) = step();
+    let objects = [plain(&step)];
+    let size = 120;
+    for (azimuth_deg, elevation_deg) in [(0.0, 0.0), (0.0, 1.5), (0.0, -1.5), (30.0, 0.0)] {
+        let from = Direction {
+            azimuth_deg,
+            elevation_deg,
+        };
+        for field in [16.0, 24.0] {
+            let camera = camera(from, field, size);
+            let frame = render(&objects, &camera);
+            let first = |column: usize, row: usize| {
+                let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);
+                let depths = (0..400).rev().map(|step| f64::from(step) / 10.0 - 20.0);
+                let mut depths = depths.filter(|&depth_mm| {
+                    let at = Projected { x, y, depth_mm };
+                    inside(camera.unproject(at).0)
+                });
+                depths.next().unwrap_or(f64::NEG_INFINITY)
+            };
+            let first: Vec<f64> = (0..size * size)
+                .map(|pixel| first(pixel % size, pixel / size))
+                .collect();
+            let near = |at: usize| at.saturating_sub(6)..(at + 7).min(size);
+            for (column, row) in (0..size * size).map(|pixel| (pixel % size, pixel / size)) {
+                let nearest = near(row)
+                    .flat_map(|row| near(column).map(move |column| row * size + column))
+                    .map(|pixel| first[pixel])
+                    .fold(f64::NEG_INFINITY, f64::max);
+                let Some(hit) = frame.pick(column, row) else {
+                    continue;
+                };
+                assert!(
+                    hit.depth_mm < nearest + 0.6,
+                    "{from:?}, {field} mm: {column}, {row} at {} mm, but nothing is nearer than {nearest}",
+                    hit.depth_mm
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_sharp_edge_has_no_specks() {
+    let (step, _) = step();
+    let objects = [plain(&step)];
+    let size = 100;
+    for (azimuth_deg, elevation_deg) in [(0.0, -4.0), (0.0, -8.0), (30.0, -6.0), (-45.0, -3.0)] {
+        let from = Direction {
+            azimuth_deg,
+            elevation_deg,
+        };
+        let frame = render(&objects, &camera(from, 24.0, size));
+        let light = |column: usize, row: usize| i32::from(frame.pixels()[row * size + column][1]);
+        let inner = 1..size - 1;
+        for (column, row) in inner
+            .clone()
+            .flat_map(|c| inner.clone().map(move |r| (c, r)))
+        {
+            let mut around: Vec<i32> = (row - 1..=row + 1)
+                .flat_map(|row| (column - 1..=column + 1).map(move |column| light(column, row)))
+                .collect();
+            around.sort_unstable();
+            let off = light(column, row) - around[4];
+            assert!(
+                off.abs() <= 45,
+                "{from:?}: {column}, {row} is {off} lighter than what is around it"
+            );
+        }
     }
 }
 
