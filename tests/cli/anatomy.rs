@@ -111,7 +111,7 @@ fn an_empty_mask_at_the_plans_threshold() {
 
 /// Every landmark of the small head's plans, moved along y.
 fn moved(by: f64) -> String {
-    let text = plan_head("moved", "ct.nii") + CANDIDATES;
+    let text = plan_head("moved", "ct.nii") + MILD;
     let mut moved = text.clone();
     for line in text
         .lines()
@@ -161,7 +161,7 @@ fn a_volume_without_a_nose() {
         "`tip` is more than 20 mm from the skin, and 10 mm are the most",
     );
 
-    // A scan that begins behind the tip, and one that ends in front of the face.
+    // A scan that begins behind the tip.
     desk.write(
         "ct.nii",
         tissue(|[x, y, z]| {
@@ -170,10 +170,8 @@ fn a_volume_without_a_nose() {
         }),
     );
     let cut = moved(-20.0).replace("tip = [32, -4, 22]", "tip = [32, 0, 22]");
-    desk.write("plan.toml", &cut);
-    let ran = desk.run(&["run", "plan.toml"]).expect(3);
-    let said = ["there is no nose where", "the scan cuts off the nose"];
-    assert!(said.iter().any(|said| ran.err.contains(said)), "{ran:?}");
+    let said = "the scan cuts off the nose: at the height of the tip (voxel z = 22)";
+    assert_no_result(&desk, &cut, said);
 }
 
 /// The landmarks of the small head in LPS mm.
@@ -294,7 +292,10 @@ fn landmarks_of_a_head_that_is_upside_down() {
             "{way}"
         );
         assert!(shown.contains("the two points are swapped"), "{shown}");
-        assert!(shown.contains("its header gives wrong axes"), "{shown}");
+        assert!(
+            shown.contains("the CT's header gives wrong axes"),
+            "{shown}"
+        );
         for turn in [[-1.0, 1.0, -1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]] {
             let text = given(&desk, way, |_, [x, y, z]| {
                 [turn[0] * x, turn[1] * y, turn[2] * z]
@@ -344,7 +345,10 @@ fn a_header_that_puts_the_head_upside_down() {
     for way in WAYS {
         let (faults, shown) = refused(&desk, &given(&desk, way, |_, [x, y, z]| [x, y, -z]));
         assert_eq!(faults[0].1, "`nasal_bones` is not above `lip`");
-        assert!(shown.contains("its header gives wrong axes"), "{shown}");
+        assert!(
+            shown.contains("the CT's header gives wrong axes"),
+            "{shown}"
+        );
     }
 }
 

@@ -147,7 +147,7 @@ const SIDES: [Side; 3] = [
         axis: 0,
         letter: "x",
         relation: "to the patient's left of",
-        hint: "swap `alare_left` and `alare_right`: left is the patient's left, where x is greater",
+        hint: "swap `alare_left` and `alare_right`: left is the patient's left",
     },
     Side {
         greater: Landmark::NasalBones,
@@ -155,7 +155,7 @@ const SIDES: [Side; 3] = [
         axis: 2,
         letter: "z",
         relation: "above",
-        hint: "either the two points are swapped, or the head is upside-down in the volume: its header gives wrong axes, or z was not counted from the lowest slice",
+        hint: "either the two points are swapped, or the head is upside-down in the volume: the CT's header gives wrong axes, or voxels were not counted from the lowest slice",
     },
     Side {
         greater: Landmark::Maxilla,
@@ -261,38 +261,60 @@ fn turned(points: &Points) -> Vec<Fault> {
         let fault = fault.found(format!("a line {angle:.0}° off that direction"));
         let fault = fault.expected(format!("at most {MAX_TURN_DEG}°, however the patient lies"));
         Some(fault.hint(
-            "either a point is not where its name says, or the header of the CT gives wrong axes              (`rhinoplan info` shows them)"
+            "either a point is not where its name says, or the header of the CT gives wrong axes (`rhinoplan info` shows them)"
                 .to_owned(),
         ))
     };
     lines.into_iter().filter_map(fault).collect()
 }
 
-/// What is not where every nose has it, as the face itself is turned: the tip, and the middle of the alare
-/// points, between the nasal bones and the lip; the tip in front of the line between those.
+/// How far beside the nose its middle line may be, in its widths: more than any deviated nose or lip.
+const BESIDE: f64 = 0.5;
+
+/// What is not where every face has it, as the face itself is turned: the points of the middle line not far
+/// beside the nose; the tip, and the middle of the alare points, between the nasal bones and the lip; the tip
+/// in front of the line between those.
 fn off_the_face(points: &Points) -> Option<Fault> {
-    let value = |landmark: Landmark| points.get(landmark).as_ref().map(|point| point.value);
-    let (top, lip) = (value(Landmark::NasalBones)?, value(Landmark::Lip)?);
+    let (top, lip) = (points.nasal_bones.as_ref()?, points.lip.as_ref()?);
     let (right, left) = (points.alare_right.as_ref()?, points.alare_left.as_ref()?);
     let tip = points.tip.as_ref()?;
-    let line = lip - top;
-    let down = line.try_normalize()?;
-    let front = down.cross(left.value - right.value).try_normalize()?;
-    let wings = (right.value + left.value) / 2.0;
+    let line = lip.value - top.value;
+    let wings = left.value - right.value;
+    let (down, across) = (line.try_normalize()?, wings.try_normalize()?);
+    let front = down.cross(across).try_normalize()?;
     let fault = |span: Span, message: String, found: String, expected: &str| {
         let hint = "no face is like this; check that no two landmarks are exchanged";
         let fault = Fault::new(Code::WrongSide, span, message).found(found);
         Some(fault.expected(expected).hint(hint.to_owned()))
     };
+
+    let middle = (right.value + left.value) / 2.0;
+    for (landmark, point) in [
+        (Landmark::NasalBones, top),
+        (Landmark::Lip, lip),
+        (Landmark::Tip, tip),
+    ] {
+        let off = (point.value - middle).dot(across).abs() - wings.length() / 2.0;
+        if off > BESIDE * wings.length() {
+            return fault(
+                point.span,
+                format!("`{landmark}` is far beside the nose"),
+                format!("it {off:.1} mm beside the nearer alare point, across the face"),
+                "at most half the distance of `alare_right` and `alare_left`",
+            );
+        }
+    }
+
+    let place = later(right, left);
     for (what, at, span) in [
         ("`tip`", tip.value, tip.span),
         (
             "the middle of `alare_right` and `alare_left`",
-            wings,
-            later(right, left),
+            middle,
+            place,
         ),
     ] {
-        let below = (at - top).dot(down);
+        let below = (at - top.value).dot(down);
         let (side, mm) = if below < 0.0 {
             ("above `nasal_bones`", -below)
         } else if below > line.length() {
@@ -307,7 +329,8 @@ fn off_the_face(points: &Points) -> Option<Fault> {
             "the nose between `nasal_bones` and `lip`",
         );
     }
-    let before = (tip.value - top).dot(front);
+
+    let before = (tip.value - top.value).dot(front);
     if before > 0.0 {
         return None;
     }
@@ -532,6 +555,11 @@ mod tests {
         );
         let found = with(&|head| head.swap(1, 2));
         assert_eq!(found[0].0, Code::WrongSide);
+        assert!(found[0].1.contains("far beside the nose"), "{found:?}");
+        let found = with(&|head| {
+            head[2].z = 0.0;
+            head[3].z = 0.0;
+        });
         assert!(found[0].1.contains("middle of `alare_right`"), "{found:?}");
         let found = with(&|head| head[4].y = 40.0 * 0.957);
         assert!(found[0].1.contains("not in front of"), "{found:?}");
