@@ -154,7 +154,8 @@ fn a_volume_without_a_nose() {
     desk.write("ct.nii", nifti());
     assert_no_result(&desk, &moved(-14.0), off);
     assert_no_result(&desk, &moved(14.0), off);
-    let far = plan("far", "ct.nii").replace("tip = [32, 16, 22]", "tip = [32, 1, 22]");
+    let far =
+        (plan_head("far", "ct.nii") + MILD).replace("tip = [32, 16, 22]", "tip = [32, 1, 22]");
     assert_no_result(
         &desk,
         &far,
