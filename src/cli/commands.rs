@@ -8,6 +8,7 @@ use super::output::Output;
 use super::progress::Progress;
 use crate::exec::ct::{self, Ct, CtError, CtHeader, CtKind};
 use crate::exec::landmarks::LandmarksOnCt;
+use crate::exec::nose::HuRange;
 use crate::exec::preflight::output_folder;
 use crate::exec::run::phases;
 use crate::exec::{self, ExitCode, Ready, Refusal, RunReport};
@@ -269,7 +270,7 @@ fn summary(report: &RunReport) -> String {
 fn describe(header: &CtHeader, record: &crate::report::record::CtRecord) -> String {
     let grid = &record.grid;
     let ([nx, ny, nz], spacing, origin) = (grid.dims(), grid.spacing(), grid.origin().0);
-    let [low, high] = record.hu_range;
+    let range = HuRange(record.hu_range);
     let position = match &header.kind {
         CtKind::Nifti(template) => format!("{:?}", template.transform()).to_lowercase(),
         CtKind::Nrrd { is_placed: true } => "space directions".to_owned(),
@@ -283,7 +284,7 @@ fn describe(header: &CtHeader, record: &crate::report::record::CtRecord) -> Stri
          stored as    {}, {} (slope {}, intercept {})\n\
          position     from {position}; first voxel at {:.3}, {:.3}, {:.3} mm (LPS)\n\
          obliquity    {:.2}°\n\
-         range        {low} to {high} HU\n\
+         range        {range}\n\
          SHA-256      {}",
         mm(spacing.x),
         mm(spacing.y),

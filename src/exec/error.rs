@@ -4,6 +4,7 @@ use thiserror::Error;
 
 use super::ct::CtError;
 use super::events::Place;
+use super::nose::NoNose;
 use super::pictures::PicturesError;
 use super::skin::SkinError;
 use crate::feature::LineError;
@@ -80,6 +81,9 @@ pub enum RunError {
     /// The CT gives no skin threshold.
     #[error(transparent)]
     Skin(#[from] SkinError),
+    /// There is no nose where the landmarks are.
+    #[error(transparent)]
+    NoNose(#[from] NoNose),
     /// The skin at the landmarks cannot be found.
     #[error("the skin at the landmarks cannot be found: {0}")]
     SkinAtLandmarks(#[from] SurfaceError),
@@ -135,9 +139,8 @@ impl RunError {
     /// What the process ends with.
     pub fn exit_code(&self) -> ExitCode {
         match self {
-            Self::Ct(_) | Self::Skin(_) | Self::Preoperative(_) | Self::Measure { .. } => {
-                ExitCode::Input
-            }
+            Self::Ct(_) | Self::Skin(_) | Self::NoNose(_) => ExitCode::Input,
+            Self::Preoperative(_) | Self::Measure { .. } => ExitCode::Input,
             Self::Half(_) | Self::Volume(_) | Self::Mesh(_) | Self::SkinAtLandmarks(_) => {
                 ExitCode::Input
             }

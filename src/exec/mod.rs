@@ -8,6 +8,7 @@ pub mod error;
 pub mod events;
 pub mod landmarks;
 mod meshes;
+pub mod nose;
 mod objects;
 mod operation;
 pub mod pictures;

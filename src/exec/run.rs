@@ -8,6 +8,7 @@ use serde::{Serialize, Serializer};
 use super::ct::{self, Ct};
 use super::error::RunError;
 use super::events::{Event, Observer, Phase, Place};
+use super::nose::{nose_exists, regions_hold_a_nose, skin_exists};
 use super::operation::Operation;
 use super::preflight::{Ready, output_folder};
 use super::skin::skin_hu;
@@ -19,7 +20,7 @@ use crate::io::artifact::{Artifact, ArtifactError};
 use crate::io::nifti::{Template, save_displacement, save_volume};
 use crate::io::nrrd::{self, OutputType};
 use crate::io::staging::Staging;
-use crate::measure::{MeasureError, NoseGeometry, Slabs, region_volumes};
+use crate::measure::{MeasureError, NoseGeometry, RegionVolumes, Slabs, region_volumes};
 use crate::morph::audit::WarpAudit;
 use crate::morph::displacement::fill_component;
 use crate::morph::field::Field;
@@ -30,6 +31,7 @@ use crate::report::record::{
     RunRecord, SnapRecord, SnappedLandmark, StageRecord,
 };
 use crate::report::{csv, markdown};
+use crate::segment::segment;
 use crate::space::{Grid, GridPoint};
 use crate::volume::{Rescale, Sample, Volume};
 use crate::with_volume;
@@ -76,7 +78,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
     let (found, moved) = clock.time(
         Phase::Landmarks,
         None,
-        || with_volume!(&ct.volume, volume => look_at_landmarks(ready, skin_hu, volume)),
+        || with_volume!(&ct.volume, volume => look_at_landmarks(ready, skin_hu, volume, ct.record.hu_range)),
     )?;
     let plan = moved.as_ref().unwrap_or(plan);
     let mut session = Session {
@@ -94,6 +96,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         staging: &mut staging,
         clock: &mut clock,
         warnings: Vec::new(),
+        of_input: Vec::new(),
         surfaces: None,
     };
     if let Some(warning) = ready.ct.warning() {
@@ -105,7 +108,9 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         }
     }
     let candidates = with_volume!(&ct.volume, volume => session.candidates(volume))?;
-    let warnings = session.warnings;
+    let Session {
+        warnings, of_input, ..
+    } = session;
     let record = RunRecord {
         format: FORMAT,
         program: Program::THIS,
@@ -120,6 +125,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
             ct.volume.grid(),
             snap_record(plan, &found, ct.volume.grid()),
         ),
+        warnings: of_input,
         candidates,
     };
     drop::<Ct>(ct);
@@ -139,13 +145,18 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
 }
 
 /// How far the landmarks of the skin are from it, and the plan with those moved that it asks to be moved:
-/// resolved anew, so that f1, the cage and every edit follow.
+/// resolved anew, so that f1, the cage and every edit follow. Refused where they are on no nose.
 fn look_at_landmarks<T: Sample>(
     ready: &Ready,
     skin_hu: f64,
     volume: &Volume<T>,
+    hu_range: [f64; 2],
 ) -> Result<(Vec<SkinLandmark>, Option<Plan>), RunError> {
-    let found = skin_landmarks(&ready.plan, skin_hu, volume)?;
+    let landmarks = &ready.plan.landmarks;
+    let head = segment(volume, skin_hu, ready.plan.segment.keep_largest)?;
+    skin_exists(&head, skin_hu, hu_range)?;
+    let found = skin_landmarks(landmarks, skin_hu, volume, &head)?;
+    nose_exists(&found, landmarks, &head, volume.grid())?;
     let Some(snap_mm) = ready.plan.snap_mm else {
         return Ok((found, None));
     };
@@ -243,6 +254,8 @@ struct Session<'a, 'b> {
     staging: &'a mut Staging,
     clock: &'a mut Clock<'b>,
     warnings: Vec<String>,
+    /// Those of the CT and its landmarks. What is told of a stage its record holds as numbers.
+    of_input: Vec<String>,
     /// Set once the nose as it is was drawn, where anything is drawn or meshed.
     surfaces: Option<Surfaces<'a>>,
 }
@@ -264,6 +277,12 @@ impl Session<'_, '_> {
                 measure(plan, skin_hu, preoperative, plan.f1, plan.f1)
             })
             .map_err(RunError::Preoperative)?;
+        let slabs = Slabs::new(&plan.landmarks).map_err(RunError::Preoperative)?;
+        let volumes = RegionVolumes(measures.volume_mm3);
+        if let Some(warning) = regions_hold_a_nose(&volumes, &slabs, plan.f1.tip)? {
+            self.warn(warning);
+        }
+        self.of_input.clone_from(&self.warnings);
         let mut start = StageRecord {
             name: PREOPERATIVE.to_owned(),
             operation: None,

@@ -6,11 +6,9 @@
 use glam::DVec3;
 
 use crate::feature::{Landmark, Landmarks};
-use crate::plan::Plan;
-use crate::segment::segment;
 use crate::space::{Grid, GridPoint};
 use crate::surface::{NearestFacing, Region, SurfaceError, nearest_facing, semi_boundary};
-use crate::volume::{Sample, Volume};
+use crate::volume::{Mask, Sample, Volume};
 
 /// Further than this from the skin, a landmark is likely to be wrong, mm.
 pub const FAR_MM: f64 = 5.0;
@@ -38,19 +36,20 @@ pub struct SkinLandmark {
     pub skin: Option<NearestFacing>,
 }
 
-/// How far the landmarks of the skin are from it, in the CT as it is.
+/// How far the landmarks of the skin are from it, in the CT as it is. `head` are its voxels of `skin_hu` or
+/// more.
 ///
 /// # Errors
 /// [`SurfaceError`] where memory does not suffice.
 pub fn skin_landmarks<T: Sample>(
-    plan: &Plan,
+    landmarks: &Landmarks<GridPoint>,
     skin_hu: f64,
     volume: &Volume<T>,
+    head: &Mask,
 ) -> Result<Vec<SkinLandmark>, SurfaceError> {
-    let skin = segment(volume, skin_hu, plan.segment.keep_largest)?;
     let look = |(landmark, facing): (Landmark, DVec3)| {
-        let at = *plan.landmarks.get(landmark);
-        let surface = semi_boundary(volume, &skin, skin_hu, around(at, volume.grid()))?;
+        let at = *landmarks.get(landmark);
+        let surface = semi_boundary(volume, head, skin_hu, around(at, volume.grid()))?;
         let found = nearest_facing(&surface, at, facing);
         Ok(SkinLandmark {
             landmark,
@@ -82,15 +81,22 @@ impl SkinLandmark {
         self.skin.filter(|skin| skin.distance_mm <= snap_mm)
     }
 
+    /// How far the skin is, in mm, for people.
+    pub fn distance(&self) -> String {
+        match self.skin {
+            Some(skin) => format!("{:.1}", skin.distance_mm),
+            None => format!("more than {REACH_MM}"),
+        }
+    }
+
     /// What the user should know of it, where it is to be moved to skin within `snap_mm`, or is not to be
     /// moved.
     pub fn warning(&self, snap_mm: Option<f64>) -> Option<String> {
         let allowed = snap_mm.unwrap_or(FAR_MM);
-        let distance = match self.skin {
-            Some(skin) if skin.distance_mm <= allowed => return None,
-            Some(skin) => format!("{:.1}", skin.distance_mm),
-            None => format!("more than {REACH_MM}"),
-        };
+        if self.snapped(allowed).is_some() {
+            return None;
+        }
+        let distance = self.distance();
         let unmoved = match snap_mm {
             Some(snap_mm) => format!(", further than the {snap_mm} mm of `snap`, and is not moved"),
             None => String::new(),

@@ -34,8 +34,10 @@ pub enum Code {
     NotAvailable,
     /// A point that is not in the volume.
     OutsideVolume,
-    /// Two landmarks the wrong way round.
+    /// Landmarks the wrong way round.
     WrongSide,
+    /// Landmarks of a head that lies in no way that a patient's does.
+    Orientation,
     /// An edit that leaves no usable nose.
     BadEdit,
     /// The file of landmarks that the plan names cannot be used.
@@ -60,6 +62,7 @@ impl Code {
             Self::NotAvailable => "not-available",
             Self::OutsideVolume => "outside-volume",
             Self::WrongSide => "wrong-side",
+            Self::Orientation => "orientation",
             Self::BadEdit => "bad-edit",
             Self::LandmarkFile => "landmark-file",
             Self::Ct => "ct",

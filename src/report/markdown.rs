@@ -39,6 +39,9 @@ fn write_tables(to: &mut String, run: &RunRecord) -> fmt::Result {
         to,
         "\nA planning aid, not a prediction of a surgical result."
     )?;
+    for warning in &run.warnings {
+        writeln!(to, "\n**Warning:** {warning}.")?;
+    }
     for candidate in &run.candidates {
         write_candidate(to, candidate)?;
     }

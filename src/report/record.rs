@@ -31,6 +31,10 @@ pub struct RunRecord {
     pub inputs: Inputs,
     /// The plan with every default filled in and every unit resolved.
     pub plan: PlanRecord,
+    /// What the user should know of the CT and the landmarks, as the run told it; not there where there is
+    /// nothing to tell. What is to be known of a stage is in its own record.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// What came out.
     pub candidates: Vec<CandidateRecord>,
 }

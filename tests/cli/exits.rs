@@ -263,13 +263,10 @@ fn a_volume_without_a_nose_gives_a_message_and_no_numbers() {
     desk.write("air.nii", constant(AIR));
     desk.write("tissue.nii", constant(40));
     for (ct, message) in [
-        (
-            "air.nii",
-            "no tissue in the regions A..K: they hold -1000 to -1000 HU",
-        ),
+        ("air.nii", "the CT holds no tissue: -1000 HU in every voxel"),
         (
             "tissue.nii",
-            "no air in the regions A..K: they hold 40 to 40 HU",
+            "the CT holds no air, so it has no skin: 40 HU in every voxel",
         ),
     ] {
         desk.write("plan.toml", plan("good", ct));

@@ -31,7 +31,7 @@ fn a_run_that_fails_late_leaves_an_earlier_one_whole() {
         ),
         (
             plan("good", "ct.nii") + "[segment]\nskin_hu = -1001.0\n",
-            "no air in the regions",
+            "the CT holds no air, so it has no skin: -1000 to 50 HU",
         ),
     ] {
         desk.write("plan.toml", text);

@@ -57,6 +57,18 @@ pub fn constant(value: i16) -> Vec<u8> {
     file(352, |_| value)
 }
 
+/// A volume of the head's size whose tissue is where `inside` holds, given voxels.
+pub fn tissue(inside: impl Fn([f64; 3]) -> bool) -> Vec<u8> {
+    let hu = |voxel: [usize; 3]| {
+        if inside(voxel.map(|n| n as f64)) {
+            TISSUE
+        } else {
+            AIR
+        }
+    };
+    file(352, hu)
+}
+
 fn file(offset: usize, hu: impl Fn([usize; 3]) -> i16) -> Vec<u8> {
     let mut bytes = vec![0; offset];
     put_i32(&mut bytes, 0, 348);

@@ -32,7 +32,7 @@ fn a_point_far_from_the_skin_is_a_warning_with_its_distance() {
     desk.write("good.toml", plan("good", "ct.nii"));
     assert_eq!(desk.run(&["run", "good.toml"]).expect(0).err, "");
     // The nose ends at about y = 16.3 where z is 22.
-    for (y, shown) in [(11, "7."), (1, "more than 20")] {
+    for (y, shown) in [(11, "7."), (10, "8.8")] {
         let text = plan_head("far", "ct.nii") + MILD;
         desk.write(
             "far.toml",

@@ -397,6 +397,53 @@ fn landmarks() {
                 &[Replace("[129.0, 33.0, 61.0]", "[129.0, 90.0, 61.0]")],
             ),
             (
+                "a head that is upside-down with its left and right",
+                2,
+                &[
+                    Replace("71.6, 78.9]", "71.6, 53.1]"),
+                    Replace("67.6, 53.1]", "67.6, 78.9]"),
+                    Replace("alare_right", "alare_x"),
+                    Replace("alare_left ", "alare_right"),
+                    Replace("alare_x", "alare_left"),
+                ],
+            ),
+            (
+                "a head that looks down",
+                1,
+                &[
+                    Replace("[141.1, 71.6, 78.9]", "[141.1, 40.0, 60.0]"),
+                    Replace("[141.1, 67.6, 53.1]", "[141.1, 70.0, 58.0]"),
+                ],
+            ),
+            (
+                "lip and tip exchanged",
+                1,
+                &[
+                    Replace(
+                        "tip         = [129.0, 33.0, 61.0]",
+                        "tip = [141.1, 67.6, 53.1]",
+                    ),
+                    Replace(
+                        "lip         = [141.1, 67.6, 53.1]",
+                        "lip = [129.0, 33.0, 61.0]",
+                    ),
+                ],
+            ),
+            (
+                "nasal bones and tip exchanged",
+                1,
+                &[
+                    Replace(
+                        "tip         = [129.0, 33.0, 61.0]",
+                        "tip = [141.1, 67.0, 79.0]",
+                    ),
+                    Replace(
+                        "nasal_bones = [141.1, 71.6, 78.9]",
+                        "nasal_bones = [129.0, 60.0, 61.0]",
+                    ),
+                ],
+            ),
+            (
                 "a landmark outside the volume",
                 1,
                 &[Replace("[141.1, 71.6, 78.9]", "[141.1, 71.6, 150.2]")],
