@@ -1,25 +1,26 @@
-//! Damaged plans: whatever the text, the answer is a plan or its faults, never a panic.
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests")]
+//! Plans: whatever the text, the answer is a plan or its faults.
 
 use std::collections::HashSet;
 use std::path::Path;
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{RngCore, SeedableRng};
 use rhinoplan::feature::{FeatureKind, Landmark};
 use rhinoplan::plan::{
     Clip, Crop, Diagnostics, MAX_PLAN_BYTES, Plan, PlanFile, SkinThreshold, Views,
 };
 use rhinoplan::space::Grid;
 
+use crate::bounded::{Bench, Expect, Role};
+use crate::head;
+use crate::noise::{Noise, Outcome, count, fuzz};
+
 const PLANS: [&str; 3] = [
-    include_str!("plans/example.toml"),
-    include_str!("plans/kitchen-sink.toml"),
-    include_str!("plans/pictures.toml"),
+    include_str!("../plans/example.toml"),
+    include_str!("../plans/kitchen-sink.toml"),
+    include_str!("../plans/pictures.toml"),
 ];
 
-/// How many damaged plans are tried: a few seconds.
-const TRIALS: usize = 9000;
+/// How many damaged plans are tried by default: about three seconds.
+const TRIES: usize = 6000;
 
 /// What is inserted: syntax, keys, and values at the borders of what is allowed.
 const PIECES: [&str; 59] = [
@@ -88,61 +89,53 @@ fn grid() -> Grid {
     Grid::axis_aligned([320, 320, 151], [0.442, 0.442, 1.0]).unwrap()
 }
 
-struct Damage(ChaCha8Rng);
-
-impl Damage {
-    fn below(&mut self, bound: usize) -> usize {
-        usize::try_from(self.0.next_u64() % bound.max(1) as u64).unwrap()
+/// A place between two characters.
+fn place(text: &str, noise: &mut Noise) -> usize {
+    let mut place = noise.below(text.len() + 1);
+    while !text.is_char_boundary(place) {
+        place -= 1;
     }
+    place
+}
 
-    /// A place between two characters.
-    fn place(&mut self, text: &str) -> usize {
-        let mut place = self.below(text.len() + 1);
-        while !text.is_char_boundary(place) {
-            place -= 1;
+fn change(text: &mut String, noise: &mut Noise) {
+    match noise.below(6) {
+        0 => {
+            let at = place(text, noise);
+            let piece = noise.one_of(&PIECES);
+            text.insert_str(at, piece);
         }
-        place
-    }
-
-    fn apply(&mut self, text: &mut String) {
-        match self.below(6) {
-            0 => {
-                let place = self.place(text);
-                let piece = PIECES[self.below(PIECES.len())];
-                text.insert_str(place, piece);
+        1 => {
+            let (a, b) = (place(text, noise), place(text, noise));
+            let end = a.max(b).min(a.min(b) + 30);
+            if text.is_char_boundary(end) {
+                text.replace_range(a.min(b)..end, "");
             }
-            1 => {
-                let (a, b) = (self.place(text), self.place(text));
-                let end = a.max(b).min(a.min(b) + 30);
-                if text.is_char_boundary(end) {
-                    text.replace_range(a.min(b)..end, "");
-                }
+        }
+        2 => {
+            // A number becomes another.
+            let digits: Vec<usize> = text
+                .match_indices(|c: char| c.is_ascii_digit())
+                .map(|(place, _)| place)
+                .collect();
+            if let Some(&place) = digits.get(noise.below(digits.len())) {
+                let digit = noise.below(10).to_string();
+                text.replace_range(place..=place, &digit);
             }
-            2 => {
-                // A number becomes another.
-                let digits: Vec<usize> = text
-                    .match_indices(|c: char| c.is_ascii_digit())
-                    .map(|(place, _)| place)
-                    .collect();
-                if let Some(&place) = digits.get(self.below(digits.len())) {
-                    let digit = self.below(10).to_string();
-                    text.replace_range(place..=place, &digit);
-                }
+        }
+        other => {
+            // A line is removed, doubled or moved.
+            let mut lines: Vec<&str> = text.split('\n').collect();
+            let place = noise.below(lines.len());
+            let line = lines[place];
+            if other != 3 {
+                lines.remove(place);
             }
-            other => {
-                // A line is removed, doubled or moved.
-                let mut lines: Vec<&str> = text.split('\n').collect();
-                let place = self.below(lines.len());
-                let line = lines[place];
-                if other != 3 {
-                    lines.remove(place);
-                }
-                if other != 4 {
-                    let to = self.below(lines.len() + 1);
-                    lines.insert(to, line);
-                }
-                *text = lines.join("\n");
+            if other != 4 {
+                let to = noise.below(lines.len() + 1);
+                lines.insert(to, line);
             }
+            *text = lines.join("\n");
         }
     }
 }
@@ -227,14 +220,13 @@ fn check_views(views: &Views) {
 }
 
 #[test]
-fn damaged_plans_are_answered() {
-    let mut damage = Damage(ChaCha8Rng::seed_from_u64(2001));
+fn changed_at_random() {
     let grid = grid();
-    let (mut right, mut seen) = (0, HashSet::new());
-    for trial in 0..TRIALS {
-        let mut text = PLANS[trial % PLANS.len()].to_owned();
-        for _ in 0..=damage.below(4) {
-            damage.apply(&mut text);
+    let mut seen = HashSet::new();
+    let here = fuzz("plan::changed_at_random", "plan", TRIES, |index, noise| {
+        let mut text = PLANS[index % PLANS.len()].to_owned();
+        for _ in 0..=noise.below(4) {
+            change(&mut text, noise);
         }
         let file = PlanFile::from_text("plan.toml", Path::new("."), &text);
         let _ = (
@@ -245,25 +237,27 @@ fn damaged_plans_are_answered() {
         let early = file.faults();
         match file.resolve(&grid) {
             Ok(plan) => {
-                right += 1;
                 assert!(early.is_empty(), "{text}\n{early}");
                 check_plan(&plan);
+                Outcome::Read
             }
             Err(faults) => {
                 check_faults(&text, &faults);
                 assert!(faults.len() >= early.len(), "{text}\n{early}\n{faults}");
                 seen.extend(faults.iter().map(|fault| fault.code));
+                Outcome::Refused
             }
         }
-    }
-    // The damage is neither always fatal nor always harmless, and reaches every kind of fault.
-    assert!(right > TRIALS / 50, "{right} of {TRIALS} are still plans");
-    assert!(seen.len() >= 11, "{seen:?}");
+    });
+    // The damage reaches every kind of fault.
+    assert!(
+        !here || count(TRIES) < TRIES || seen.len() >= 11,
+        "{seen:?}"
+    );
 }
 
-/// Files of the largest size that are made to be slow or large: they are answered, in few words.
-#[test]
-fn hostile_files_are_answered() {
+/// Files of the largest size that are made to be slow or large.
+fn swollen() -> Vec<String> {
     let limit = usize::try_from(MAX_PLAN_BYTES).unwrap();
     let head = "plan = 1\n";
     let fill = |piece: &str| head.to_owned() + &piece.repeat((limit - head.len()) / piece.len());
@@ -278,26 +272,158 @@ fn hostile_files_are_answered() {
         }
         text
     };
-    let files = [
+    vec![
         fill("a = 1\n"),
         fill("[[candidate]]\n"),
         fill("[["),
         fill("\u{0}"),
         fill("é"),
+        fill("\r\n"),
         counted(&|n| format!("a{n}=1\n")),
         counted(&|n| format!("[a{n}.b.c.d]\n")),
+        counted(&|n| {
+            format!(
+                "[[candidate]]\nname=\"a{n}\"\n[[candidate.stage]]\nname=\"b\"\nf1=[{{rotate=5}}]\n"
+            )
+        }),
         format!("{head}[outputs]\nwrite = [{}]", "\"\",".repeat(300_000)),
         format!("{head}[landmarks]\nlip = [{}]", "1,".repeat(500_000)),
         format!("{head}x = {}1{}", "[".repeat(70), "]".repeat(70)),
+        format!("{head}x = {}", "[".repeat(500_000)),
+        format!("{head}x = {}", "{a=".repeat(300_000)),
         format!("{head}x = \"{}\"", "x".repeat(1_000_000)),
         format!("{head}{} = 1", "tilte".repeat(200_000)),
         format!("{head}{}x = 1", "a.".repeat(500_000)),
-    ];
-    for text in files {
+    ]
+}
+
+#[test]
+fn swollen_plans_are_answered_in_few_words() {
+    for text in swollen() {
         let file = PlanFile::from_text("plan.toml", Path::new("."), &text);
         let faults = file.resolve(&grid()).unwrap_err();
         check_faults(&text, &faults);
         let shown = faults.render(false);
         assert!(shown.len() < 200_000, "{} bytes of messages", shown.len());
+    }
+}
+
+#[test]
+fn swollen_plans_are_answered_at_once_and_in_little_memory() {
+    let bench = Bench::new();
+    for text in swollen() {
+        let name = "swollen.toml";
+        bench.try_bytes(Role::Plan, name, text, &Expect::Refused(&["swollen.toml"]));
+    }
+}
+
+#[test]
+fn the_corpus() {
+    let bench = Bench::new();
+    let sound = head::plan("good", "ct.nii");
+    let with = |from: &str, to: &str| {
+        assert!(sound.contains(from), "{from}");
+        sound.replace(from, to).into_bytes()
+    };
+    let utf16: Vec<u8> = sound.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let mut flipped = sound.clone().into_bytes();
+    flipped[0] ^= 2;
+    let quote = sound.find("\"voxel\"").unwrap();
+    let second = sound.rfind("[[candidate]]").unwrap();
+    use Expect::{Read, Refused};
+    let cases: Vec<(&str, Vec<u8>, Expect)> = vec![
+        ("sound.toml", sound.clone().into(), Read),
+        (
+            "windows.toml",
+            format!("\u{feff}{}", sound.replace('\n', "\r\n")).into(),
+            Read,
+        ),
+        ("wrong.nii.gz", sound.clone().into(), Read),
+        ("wrong", sound.clone().into(), Read),
+        (
+            "spaces.toml",
+            b"\xef\xbb\xbf \r\n\t".to_vec(),
+            Refused(&["`plan`"]),
+        ),
+        (
+            "cut-in-text.toml",
+            sound[..quote + 3].into(),
+            Refused(&["not TOML", "cut-in-text.toml:8"]),
+        ),
+        (
+            "cut.toml",
+            sound[..second + 30].into(),
+            Refused(&["not TOML"]),
+        ),
+        ("flipped.toml", flipped, Refused(&["flipped.toml:1:1"])),
+        (
+            "byte.toml",
+            [sound.as_bytes(), b"\xff"].concat(),
+            Refused(&["not UTF-8", "save it as UTF-8"]),
+        ),
+        (
+            "utf16.toml",
+            [b"\xff\xfe", &utf16[..]].concat(),
+            Refused(&["not UTF-8", "byte 0"]),
+        ),
+        (
+            "zero.toml",
+            with("\"good\"", "\"go\u{0}od\""),
+            Refused(&["not TOML", "zero.toml:2"]),
+        ),
+        (
+            "return.toml",
+            sound.replace('\n', "\r").into(),
+            Refused(&["not TOML"]),
+        ),
+        (
+            "nan.toml",
+            with("[32, 16, 22]", "[32, nan, 22]"),
+            Refused(&["nan.toml:13", "finite"]),
+        ),
+        (
+            "inf.toml",
+            with("[32, 16, 22]", "[32, -inf, 22]"),
+            Refused(&["inf.toml:13", "finite"]),
+        ),
+        (
+            "vast.toml",
+            with("[32, 16, 22]", "[32, 1e400, 22]"),
+            Refused(&["vast.toml:13"]),
+        ),
+        (
+            "whole.toml",
+            with("[32, 16, 22]", "[32, 99999999999999999999999, 22]"),
+            Refused(&["whole.toml:13"]),
+        ),
+        (
+            "outside.toml",
+            with("[32, 16, 22]", "[32, 1e300, 22]"),
+            Refused(&["outside.toml:13", "outside"]),
+        ),
+        (
+            "turn.toml",
+            with("rotate = 5", "rotate = 1e308"),
+            Refused(&["turn.toml:33"]),
+        ),
+        (
+            "version.toml",
+            with("plan = 1", "plan = 9223372036854775807"),
+            Refused(&["version.toml:1"]),
+        ),
+        (
+            "large.toml",
+            sound
+                .clone()
+                .into_bytes()
+                .into_iter()
+                .chain(vec![b'#'; 1 << 20])
+                .collect(),
+            Refused(&["larger than 1048576 bytes"]),
+        ),
+        ("volume.toml", head::nifti(), Refused(&["volume.toml"])),
+    ];
+    for (name, bytes, expect) in cases {
+        bench.try_bytes(Role::Plan, name, bytes, &expect);
     }
 }
