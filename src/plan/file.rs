@@ -20,8 +20,9 @@ use crate::io::landmarks::{self, CoordinateSystem};
 use crate::space::{Grid, GridPoint};
 use crate::text::shown_name;
 
-/// The largest plan file, bytes. A thousand candidates are a tenth of it.
-pub const MAX_PLAN_BYTES: u64 = 1 << 20;
+/// The largest plan file, bytes: some two thousand candidates. Parsed, a text can take six hundred times its length
+/// (tables in tables), so that this is also a bound of 150 MiB and of half a second.
+pub const MAX_PLAN_BYTES: u64 = 256 << 10;
 
 /// How many duplicate keys are traced to where they are given first.
 const MAX_TRACED: usize = 50;

@@ -9,8 +9,8 @@ use crate::nifti_builder::{Folder, Nifti, TYPES, gzip};
 use crate::noise::{Noise, Outcome, assert_clear, damage, fuzz};
 use crate::volumes::{assert_grid, assert_plausible};
 
-/// Files that are tried by default: about two seconds.
-const TRIES: usize = 3000;
+/// Files that are tried by default: about a second.
+const TRIES: usize = 5000;
 
 fn changed(bytes: &[u8], change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
