@@ -339,6 +339,7 @@ fn change_header(file: &mut Nifti, noise: &mut Noise) {
             // A few samples fewer or more, or another bit pattern of one: NaN among them.
             let len = file.samples.len();
             match noise.below(3) {
+                _ if len == 0 => {}
                 0 => file.samples.truncate(noise.below(len)),
                 1 => file.samples.extend(vec![0x7f; 1 + noise.below(40)]),
                 _ => {
