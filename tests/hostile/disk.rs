@@ -251,6 +251,10 @@ fn files_that_other_files_name() {
     for (data, words) in [
         ("pipe.raw", "is a pipe or a device"),
         ("round.raw", "Too many levels of symbolic links"),
+        (
+            "none\r\u{1b}[31m",
+            "data file `none\\r\\u{1b}[31m` cannot be read",
+        ),
         ("../ct.nii", "one file in the header's own folder"),
         ("/dev/zero", "one file in the header's own folder"),
     ] {

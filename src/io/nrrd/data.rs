@@ -8,7 +8,7 @@ use ndarray::{Array3, ArrayView2, Axis, Slice};
 use sha2::{Digest, Sha256};
 
 use super::error::NrrdProblem;
-use super::header::{Encoding, Fields, MAX_HEADER, Skip, end_of_header};
+use super::header::{Encoding, Fields, MAX_HEADER, Skip, end_of_header, shown};
 use crate::io::nifti::{
     ByteOrder, Content, LARGEST_RATIO, NiftiProblem, NotNumbers, Scan, check_claim,
 };
@@ -64,7 +64,7 @@ pub(super) fn open(path: &Path) -> Result<Opened, NrrdProblem> {
             let folder = path.parent().unwrap_or(Path::new(""));
             let (file, len) = open_file(&folder.join(name)).map_err(|problem| match problem {
                 NiftiProblem::Io(error) => NrrdProblem::DataFile {
-                    name: name.clone(),
+                    name: shown(name),
                     error,
                 },
                 other => other.into(),
