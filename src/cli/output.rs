@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 
 use crate::exec::ExitCode;
 use crate::plan::Diagnostic;
+use crate::text::printable;
 
 /// Collects the document where there is to be one, and prints the rest.
 pub(super) struct Output {
@@ -37,14 +38,14 @@ impl Output {
         if self.json {
             self.note(text);
         } else {
-            print_line(io::stdout(), text);
+            print_message(io::stdout(), text);
         }
     }
 
     /// What the user may want to know.
     pub fn note(&self, text: &str) {
         if !self.quiet {
-            print_line(io::stderr(), text);
+            print_message(io::stderr(), text);
         }
     }
 
@@ -56,7 +57,7 @@ impl Output {
 
     /// Why something was not done.
     pub fn error(&self, text: &str) {
-        print_line(io::stderr(), &format!("error: {text}"));
+        print_message(io::stderr(), &format!("error: {text}"));
         self.record_error(text);
     }
 
@@ -116,4 +117,9 @@ impl Output {
 /// A reader that closed its end (`| head`) is no error.
 fn print_line(mut to: impl Write, text: &str) {
     let _ = writeln!(to, "{text}");
+}
+
+/// As [`print_line`], of text that may hold the names of files.
+fn print_message(to: impl Write, text: &str) {
+    print_line(to, &printable(text));
 }

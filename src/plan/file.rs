@@ -1,6 +1,6 @@
 //! A plan file: read, decoded, and resolved once the grid of its CT is known.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
@@ -18,9 +18,11 @@ use crate::feature::{Landmark, Landmarks};
 use crate::io::digest::sha256_hex;
 use crate::io::landmarks::{self, CoordinateSystem};
 use crate::space::{Grid, GridPoint};
+use crate::text::shown_name;
 
-/// The largest plan file, bytes. A thousand candidates are a tenth of it.
-pub const MAX_PLAN_BYTES: u64 = 1 << 20;
+/// The largest plan file, bytes: some two thousand candidates. Parsed, a text can take six hundred times its length
+/// (tables in tables), so that this is also a bound of 150 MiB and of half a second.
+pub const MAX_PLAN_BYTES: u64 = 256 << 10;
 
 /// How many duplicate keys are traced to where they are given first.
 const MAX_TRACED: usize = 50;
@@ -54,6 +56,12 @@ pub enum PlanReadError {
         /// The path given.
         path: PathBuf,
     },
+    /// The path is of a pipe or a device, which might never end.
+    #[error("{} is a pipe or a device; write the plan to a file first", path.display())]
+    NotAFile {
+        /// The path given.
+        path: PathBuf,
+    },
     /// The system refuses.
     #[error("cannot read the plan file {}: {source}", path.display())]
     Unreadable {
@@ -64,7 +72,7 @@ pub enum PlanReadError {
     },
     /// It is not a text file.
     #[error(
-        "the plan file {} is not UTF-8 text: byte {offset} (counted from 0) belongs to no character", path.display()
+        "the plan file {} is not UTF-8 text: byte {offset} (counted from 0) belongs to no character; save it as UTF-8", path.display()
     )]
     NotUtf8 {
         /// The path given.
@@ -98,8 +106,13 @@ impl PlanFile {
                 source,
             },
         };
-        if path.is_dir() {
+        // Asked before opening: opening a pipe would wait for someone to write to it.
+        let metadata = fs::metadata(path).map_err(unreadable)?;
+        if metadata.is_dir() {
             return Err(PlanReadError::Folder { path: given() });
+        }
+        if !metadata.is_file() {
+            return Err(PlanReadError::NotAFile { path: given() });
         }
         let file = File::open(path).map_err(unreadable)?;
         let mut bytes = Vec::new();
@@ -113,7 +126,7 @@ impl PlanFile {
             offset: error.valid_up_to(),
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Ok(Self::from_text(path.display().to_string(), folder, text))
+        Ok(Self::from_text(shown_name(path.as_os_str()), folder, text))
     }
 
     /// Decodes the text of a plan, and reads the file of landmarks that it may name. `shown_name` names it

@@ -1,6 +1,5 @@
 //! Slices from numbers.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use dicom_core::value::{PixelFragmentSequence, Value};
@@ -12,13 +11,15 @@ use rhinoplan::io::dicom::{DicomError, Folder, Scan};
 use rhinoplan::volume::AnyVolume;
 use rhinoplan::with_volume;
 
+use crate::head::{DIMS, SPACING, nifti};
+
 /// Retired from the standard, not from archives.
 pub const BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
 
 pub const SERIES: &str = "1.2.826.0.1.3680043.8.498.1";
 
 /// What no output may hold: tag, type, text.
-pub const IDENTITY: [(Tag, VR, &str); 11] = [
+pub const IDENTITY: [(Tag, VR, &str); 18] = [
     (tags::PATIENT_NAME, VR::PN, "Doe^Jane"),
     (tags::PATIENT_ID, VR::LO, "HOSPITAL-4711"),
     (tags::PATIENT_BIRTH_DATE, VR::DA, "19610203"),
@@ -34,6 +35,14 @@ pub const IDENTITY: [(Tag, VR, &str); 11] = [
         VR::UI,
         "1.2.826.0.1.3680043.8.498.77",
     ),
+    (tags::OTHER_PATIENT_NAMES, VR::PN, "Roe^Janet"),
+    (tags::PATIENT_ADDRESS, VR::LO, "Elm Street 13"),
+    (tags::PATIENT_COMMENTS, VR::LT, "Fell off a horse"),
+    (tags::OPERATORS_NAME, VR::PN, "Chapel^Nurse"),
+    (tags::DEVICE_SERIAL_NUMBER, VR::LO, "SN-90210"),
+    // Of a maker's own, behind the element that says whose.
+    (Tag(0x0009, 0x0010), VR::LO, "MAKER OF SCANNERS"),
+    (Tag(0x0009, 0x1001), VR::LO, "Private Jane"),
 ];
 
 /// A file to be.
@@ -178,6 +187,27 @@ pub fn stack(n: usize) -> Vec<SliceFile> {
     (0..n).map(slice).collect()
 }
 
+/// The head of the program's tests as slices.
+pub fn head_slices() -> Vec<SliceFile> {
+    let bytes = nifti();
+    let samples: Vec<i16> = bytes[352..]
+        .chunks_exact(2)
+        .map(|pair| i16::from_le_bytes([pair[0], pair[1]]))
+        .collect();
+    let [nx, ny, _] = DIMS;
+    let slice = |(z, plane): (usize, &[i16])| {
+        let mut file = SliceFile::new([nx as u16, ny as u16], plane);
+        file.at(DVec3::new(-48.0, -48.0, -36.0 + SPACING * z as f64))
+            .text(tags::PIXEL_SPACING, VR::DS, "1.5\\1.5");
+        file
+    };
+    samples
+        .chunks_exact(nx * ny)
+        .enumerate()
+        .map(slice)
+        .collect()
+}
+
 /// A folder that goes away with the test.
 pub struct Dir(tempfile::TempDir);
 
@@ -241,11 +271,6 @@ pub fn expected(n: usize) -> Vec<f64> {
         }
     }
     all
-}
-
-/// Past the capture of passing tests, which `println!` would not get.
-pub fn tell(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
 }
 
 /// Bytes in runs, each segment its own (PS3.5, annex G): of 16-bit samples the high bytes first.

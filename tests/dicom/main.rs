@@ -11,6 +11,9 @@ mod builder;
 mod fuzz;
 mod geometry;
 mod hostile;
+#[path = "../hostile/noise.rs"]
+#[allow(dead_code, reason = "shared with the tests of hostile input")]
+mod noise;
 mod program;
 mod real;
 #[path = "../real_data/mod.rs"]

@@ -5,33 +5,11 @@ use std::io::Read;
 
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
-use glam::DVec3;
 use rhinoplan::io::nifti;
 
-use crate::builder::{IDENTITY, SERIES, SliceFile, rle, stack};
-use crate::head::{DIMS, SPACING, nifti as head, plan};
+use crate::builder::{IDENTITY, SERIES, SliceFile, head_slices, rle, stack};
+use crate::head::{DIMS, nifti as head, picture_plan, plan};
 use crate::process::Desk;
-
-/// The head of the program's tests as slices.
-fn slices() -> Vec<SliceFile> {
-    let bytes = head();
-    let samples: Vec<i16> = bytes[352..]
-        .chunks_exact(2)
-        .map(|pair| i16::from_le_bytes([pair[0], pair[1]]))
-        .collect();
-    let [nx, ny, _] = DIMS;
-    let slice = |(z, plane): (usize, &[i16])| {
-        let mut file = SliceFile::new([nx as u16, ny as u16], plane);
-        file.at(DVec3::new(-48.0, -48.0, -36.0 + SPACING * z as f64))
-            .text(tags::PIXEL_SPACING, VR::DS, "1.5\\1.5");
-        file
-    };
-    samples
-        .chunks_exact(nx * ny)
-        .enumerate()
-        .map(slice)
-        .collect()
-}
 
 /// A desk with the head in the folder `Doe^Jane`.
 fn desk(files: &[SliceFile]) -> Desk {
@@ -46,7 +24,7 @@ fn desk(files: &[SliceFile]) -> Desk {
 
 #[test]
 fn a_run_on_slices_is_that_on_the_same_head_in_nifti() {
-    let desk = desk(&slices());
+    let desk = desk(&head_slices());
     desk.write("ct.nii", head());
     desk.write("dicom.toml", plan("dicom", "Doe^Jane"));
     desk.write("nifti.toml", plan("nifti", "ct.nii"));
@@ -93,31 +71,87 @@ fn inflate(bytes: &[u8]) -> Vec<u8> {
     inflated
 }
 
+/// What a file holds once it is unpacked: of gzip and of the data in an NRRD file what is inflated, of a PNG its
+/// pixels and each of its texts.
+fn unpacked(name: &str, bytes: &[u8]) -> Vec<(String, Vec<u8>)> {
+    let named = |what: &str, content: Vec<u8>| (format!("{what} of {name}"), content);
+    if name.ends_with(".gz") {
+        return vec![named("content", inflate(bytes))];
+    }
+    if name.ends_with(".nrrd") {
+        let end = bytes.windows(2).position(|pair| pair == b"\n\n").unwrap();
+        return vec![named("samples", inflate(&bytes[end + 2..]))];
+    }
+    if !name.ends_with(".png") {
+        return Vec::new();
+    }
+    let (mut packed, mut parts) = (Vec::new(), Vec::new());
+    let mut rest = &bytes[8..];
+    while let Some((length, behind)) = rest.split_first_chunk::<4>() {
+        let (kind, behind) = behind.split_at(4);
+        let (data, behind) = behind.split_at(u32::from_be_bytes(*length) as usize);
+        rest = &behind[4..];
+        match kind {
+            b"IDAT" => packed.extend(data),
+            b"zTXt" | b"iTXt" | b"iCCP" => panic!("{name} may hold packed text"),
+            other => parts.push(named(&String::from_utf8_lossy(other), data.to_vec())),
+        }
+    }
+    let mut pixels = Vec::new();
+    let mut zlib = flate2::read::ZlibDecoder::new(packed.as_slice());
+    zlib.read_to_end(&mut pixels).unwrap();
+    assert!(pixels.len() > packed.len());
+    parts.push(named("pixels", pixels));
+    parts
+}
+
+fn holds(bytes: &[u8], secret: &str) -> bool {
+    // As text, and as the UTF-16 of some formats.
+    let wide: Vec<u8> = secret.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    [secret.as_bytes(), &wide]
+        .iter()
+        .any(|secret| bytes.windows(secret.len()).any(|piece| piece == *secret))
+}
+
 #[test]
 fn nothing_of_the_patient_reaches_an_output() {
-    let desk = desk(&slices());
-    desk.write("plan.toml", plan("private", "Doe^Jane"));
+    let files = head_slices();
+    let desk = desk(&files);
+    let all = "write = [\"views\", \"slices\", \"charts\", \"volume\", \"displacement\", \"inverse\", \"nrrd\", \
+               \"mesh\", \"solids\"]";
+    let text = picture_plan("private", "Doe^Jane")
+        .replace("write = [\"views\", \"slices\", \"charts\"]", all);
+    assert!(text.contains(all));
+    desk.write("plan.toml", text);
     let ran = desk.run(&["run", "plan.toml", "--json"]).expect(0);
     let mut outputs: BTreeMap<String, Vec<u8>> = desk.files("out");
-    assert!(outputs.len() > 8);
-    let packed: Vec<(String, Vec<u8>)> = outputs
+    for kind in [
+        ".nii.gz", ".nrrd", ".png", ".svg", ".stl", ".ply", ".json", ".csv", ".md",
+    ] {
+        assert!(outputs.keys().any(|name| name.ends_with(kind)), "{kind}");
+    }
+    let parts: Vec<_> = outputs
         .iter()
-        .filter(|(name, _)| name.ends_with(".gz"))
-        .map(|(name, bytes)| (format!("inflated {name}"), inflate(bytes)))
+        .flat_map(|(name, bytes)| unpacked(name, bytes))
         .collect();
-    outputs.extend(packed);
+    assert!(parts.len() > 40, "{}", parts.len());
+    outputs.extend(parts);
     outputs.insert("stdout".to_owned(), ran.out.into_bytes());
     outputs.insert("stderr".to_owned(), ran.err.into_bytes());
     let sop = "1.2.826.0.1.3680043.8.498";
     let secrets = IDENTITY.iter().map(|(_, _, text)| *text);
-    for secret in secrets.chain([SERIES, sop, "Doe", "Jane", "IM001"]) {
+    let input = files[0].bytes();
+    for secret in secrets.chain([SERIES, sop, "Doe", "Jane"]) {
+        assert!(
+            holds(&input, secret),
+            "{secret} is in no slice: nothing is tested"
+        );
         for (name, bytes) in &outputs {
-            let found = bytes
-                .windows(secret.len())
-                .any(|piece| piece == secret.as_bytes());
-            assert!(!found, "{secret} in {name}");
+            assert!(!holds(bytes, secret), "{secret} in {name}");
         }
     }
+    // Nor a name of a file.
+    assert!(!outputs.values().any(|bytes| holds(bytes, "IM001")));
     // `info` shows the UID, which is there to choose by, and no name.
     let info = desk.run(&["info", "Doe^Jane"]).expect(0).out;
     assert!(info.contains(SERIES));
@@ -128,7 +162,7 @@ fn nothing_of_the_patient_reaches_an_output() {
 
 #[test]
 fn info_of_a_folder() {
-    let desk = desk(&slices());
+    let desk = desk(&head_slices());
     desk.write("Doe^Jane/notes.txt", "hello");
     let out = desk.run(&["info", "Doe^Jane"]).expect(0).out;
     let (start, digest) = out.rsplit_once("SHA-256      ").unwrap();
@@ -160,7 +194,7 @@ fn info_of_a_folder() {
 
 #[test]
 fn several_series_are_chosen_among_by_info_and_by_plans() {
-    let mut files = slices();
+    let mut files = head_slices();
     let other = "1.2.826.0.1.3680043.8.498.2";
     files.extend(stack(3).into_iter().map(|mut file| {
         file.text(tags::SERIES_INSTANCE_UID, VR::UI, other);
@@ -207,7 +241,7 @@ fn several_series_are_chosen_among_by_info_and_by_plans() {
 
 #[test]
 fn a_series_is_pinned_whatever_its_files_are_called() {
-    let desk = desk(&slices());
+    let desk = desk(&head_slices());
     let document = desk
         .run(&["info", "Doe^Jane", "--json"])
         .expect(0)
@@ -234,7 +268,7 @@ fn a_series_is_pinned_whatever_its_files_are_called() {
 
 #[test]
 fn check_reads_no_pixels() {
-    let files: Vec<SliceFile> = slices()
+    let files: Vec<SliceFile> = head_slices()
         .into_iter()
         .map(|mut file| {
             let plane = vec![0_i16; DIMS[0] * DIMS[1]];

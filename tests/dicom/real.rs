@@ -6,7 +6,8 @@ use rhinoplan::io::dicom::{Folder, SeriesState};
 use rhinoplan::io::nifti;
 use rhinoplan::space::ContinuousIndex;
 
-use crate::builder::{Dir, hus, read, tell};
+use crate::builder::{Dir, hus, read};
+use crate::noise::tell;
 use crate::real_data;
 
 /// Positions in the two files are single-precision numbers of some hundreds of mm.

@@ -7,6 +7,8 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use rhinoplan::io::nifti::{NiftiError, Scan, read};
 
+pub use crate::noise::Noise;
+
 /// The ten sample types: name, NIfTI code, bytes.
 pub const TYPES: [(&str, i16, usize); 10] = [
     ("u8", 2, 1),
@@ -147,30 +149,5 @@ impl Folder {
 
     pub fn read(&self, bytes: &[u8]) -> Result<Scan, NiftiError> {
         read(&self.write("volume.nii", bytes))
-    }
-}
-
-/// Noise that is the same on every machine.
-pub struct Noise(u64);
-
-impl Noise {
-    pub fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1)
-    }
-
-    pub fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-    }
-
-    pub fn below(&mut self, bound: usize) -> usize {
-        (self.next() >> 11) as usize % bound
-    }
-
-    /// From -1 to 1.
-    pub fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 }

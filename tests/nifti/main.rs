@@ -11,6 +11,9 @@ mod affine;
 mod builder;
 mod displacement;
 mod hostile;
+#[path = "../hostile/noise.rs"]
+#[allow(dead_code, reason = "shared with the tests of hostile input")]
+mod noise;
 mod real;
 #[path = "../real_data/mod.rs"]
 mod real_data;

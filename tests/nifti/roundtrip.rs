@@ -23,7 +23,8 @@ fn noise(code: i16, count: usize, size: usize) -> Vec<u8> {
         let mut sample = noise.next().to_le_bytes();
         match code {
             16 => sample[..4].copy_from_slice(&(noise.unit() as f32 * 3e38).to_le_bytes()),
-            64 => sample = (noise.unit() * 1e300).to_le_bytes(),
+            // As large as Hounsfield units are let be, with all the bits of a double.
+            64 => sample = (noise.unit() * 3e38).to_le_bytes(),
             _ => {}
         }
         bytes.extend_from_slice(&sample[..size]);

@@ -1,6 +1,7 @@
 //! What lies in a folder: series that can be read, and what is left out of them and why.
 
 use std::collections::BTreeSet;
+use std::ffi::{OsStr, OsString};
 use std::fmt::Write;
 use std::fs::{self, File};
 use std::io::BufReader;
@@ -16,6 +17,7 @@ use super::geometry::Stack;
 use super::panics::caught;
 use super::series::Series;
 use super::slice::{Kind, MAX_FILE_BYTES, Membership, Skip, Slice, classify};
+use crate::text::shown_name;
 
 /// How many entries of a folder are looked at. An examination has some thousands.
 const MAX_FILES: usize = 100_000;
@@ -33,7 +35,7 @@ const BUFFER: usize = 32 << 10;
 pub struct Folder {
     path: PathBuf,
     /// The file that the user named in place of its folder.
-    named: Option<String>,
+    named: Option<OsString>,
     stacks: Vec<Candidate>,
     faulty: Vec<Faulty>,
     skipped: Vec<Skipped>,
@@ -44,7 +46,7 @@ pub struct Folder {
 struct Candidate {
     member: Membership,
     /// By name, which gives them an order before they have another.
-    slices: Vec<(String, Slice)>,
+    slices: Vec<(OsString, Slice)>,
 }
 
 impl Candidate {
@@ -79,7 +81,7 @@ impl Candidate {
 /// A file that is, or may be, of a series, and cannot be used.
 #[derive(Debug)]
 struct Faulty {
-    file: String,
+    file: OsString,
     /// Empty where not even that could be read.
     member: Membership,
     problem: Arc<SliceProblem>,
@@ -87,7 +89,7 @@ struct Faulty {
 
 #[derive(Debug)]
 struct Skipped {
-    file: String,
+    file: OsString,
     member: Membership,
     reason: Skip,
 }
@@ -153,7 +155,7 @@ impl Folder {
                 Some(folder) if folder != Path::new("") => folder.to_owned(),
                 _ => PathBuf::from("."),
             };
-            (folder, Some(name.to_string_lossy().into_owned()))
+            (folder, Some(name.to_owned()))
         };
         let mut names = Vec::new();
         for entry in fs::read_dir(&folder).map_err(io)? {
@@ -176,14 +178,14 @@ impl Folder {
             faulty: Vec::new(),
             skipped: Vec::new(),
         };
-        for (name, (member, kind)) in names.iter().zip(looked) {
-            found.add(name.to_string_lossy().into_owned(), member, kind);
+        for (name, (member, kind)) in names.into_iter().zip(looked) {
+            found.add(name, member, kind);
         }
         found.leave_out_single_slices();
         Ok(found)
     }
 
-    fn add(&mut self, file: String, member: Membership, kind: Kind) {
+    fn add(&mut self, file: OsString, member: Membership, kind: Kind) {
         match kind {
             Kind::Slice(slice) => {
                 let stack = self.stacks.iter_mut().find(|c| c.takes(&member, &slice));
@@ -285,7 +287,7 @@ impl Folder {
         all.filter(|uid| !uid.is_empty()).collect()
     }
 
-    fn of_file(&self, file: &str, uid: Option<&str>) -> Result<&Candidate, DicomError> {
+    fn of_file(&self, file: &OsStr, uid: Option<&str>) -> Result<&Candidate, DicomError> {
         let path = self.path.join(file);
         let fail = |problem| DicomError::new(&path, problem);
         if let Some(faulty) = self.faulty.iter().find(|faulty| faulty.file == file) {
@@ -320,9 +322,9 @@ impl Folder {
         self.faulty.iter().find(of_choice)
     }
 
-    fn slice_error(&self, file: &str, problem: &Arc<SliceProblem>) -> DicomError {
+    fn slice_error(&self, file: &OsStr, problem: &Arc<SliceProblem>) -> DicomError {
         let problem = DicomProblem::Slice {
-            file: file.to_owned(),
+            file: shown_name(file),
             problem: Arc::clone(problem),
         };
         DicomError::new(&self.path, problem)
@@ -339,7 +341,7 @@ impl Folder {
             )
         });
         let faulty = self.faulty.iter().map(|faulty| {
-            let reason = format!("file `{}` {}", faulty.file, faulty.problem);
+            let reason = format!("file `{}` {}", shown_name(&faulty.file), faulty.problem);
             (&faulty.member, reason, SeriesState::Unusable)
         });
         let mut others: Vec<SeriesLine> = Vec::new();
@@ -388,7 +390,7 @@ impl Folder {
                 None => others.push(OtherFiles {
                     because,
                     files: 1,
-                    first: file.clone(),
+                    first: shown_name(file),
                 }),
             }
         }

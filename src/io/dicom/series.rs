@@ -1,5 +1,6 @@
 //! A series that has been chosen: its grid from headers, its voxels from files.
 
+use std::ffi::{OsStr, OsString};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -19,6 +20,7 @@ use crate::io::StoredAxes;
 use crate::io::digest;
 use crate::io::nifti::Template;
 use crate::space::Grid;
+use crate::text::shown_name;
 use crate::volume::{AnyVolume, Rescale, Sample, SampleType, Volume, zeroed};
 
 /// What voxels become that hold no measurement (PixelPaddingValue), HU: air, and what most scanners write
@@ -33,7 +35,7 @@ const MAX_VOXELS: u64 = 1 << 31;
 #[derive(Debug)]
 pub struct Series<'a> {
     folder: &'a Path,
-    slices: Vec<&'a (String, Slice)>,
+    slices: Vec<&'a (OsString, Slice)>,
     grid: Grid,
     axes: StoredAxes,
     /// Whether samples become HU on reading, because they mean something else from slice to slice.
@@ -59,7 +61,7 @@ pub struct Scan {
 impl<'a> Series<'a> {
     pub(super) fn new(
         folder: &'a Path,
-        slices: &'a [(String, Slice)],
+        slices: &'a [(OsString, Slice)],
         stack: Stack,
     ) -> Result<Self, DicomProblem> {
         let Stack {
@@ -152,7 +154,7 @@ impl<'a> Series<'a> {
         let mut lines = Vec::with_capacity(read.len());
         let mut padded = 0;
         for (result, (file, _)) in read.into_iter().zip(&self.slices) {
-            let file = file.clone();
+            let file = shown_name(file);
             let (sha256, count) = result.map_err(|problem| {
                 let problem = Arc::new(problem);
                 fail(DicomProblem::Slice { file, problem })
@@ -173,7 +175,7 @@ impl<'a> Series<'a> {
     /// Fills a plane from a file. The file's SHA-256, and how many voxels are padding.
     fn slice<T: Sample>(
         &self,
-        file: &str,
+        file: &OsStr,
         slice: &Slice,
         mut plane: ArrayViewMut2<'_, T>,
     ) -> Result<(String, u64), SliceProblem> {
@@ -220,7 +222,7 @@ impl<'a> Series<'a> {
 
 /// A type for the HU of every slice: `i16` where all are whole and fit, else `f32`, which holds 16 bits times any
 /// slope to a part in ten million.
-fn common_type(slices: &[&(String, Slice)]) -> SampleType {
+fn common_type(slices: &[&(OsString, Slice)]) -> SampleType {
     let fits = slices.iter().all(|(_, slice)| {
         let Rescale { slope, intercept } = slice.rescale;
         let (low, high) = slice.format.range();

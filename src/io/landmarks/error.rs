@@ -48,7 +48,9 @@ pub enum LandmarkFileProblem {
     #[error("is larger than {MAX_LANDMARK_BYTES} bytes; is it a file of landmarks?")]
     TooLarge,
     /// Not text.
-    #[error("is not UTF-8 text: byte {offset} (counted from 0) belongs to no character")]
+    #[error(
+        "is not UTF-8 text: byte {offset} (counted from 0) belongs to no character; save it as UTF-8"
+    )]
     NotUtf8 {
         /// The first byte that is not UTF-8, from 0.
         offset: usize,
@@ -59,7 +61,7 @@ pub enum LandmarkFileProblem {
     )]
     Foreign,
     /// Not JSON, or not of markups.
-    #[error("is not markups JSON: {0}")]
+    #[error("is not markups JSON: {}", json(.0))]
     Json(serde_json::Error),
     /// A line of an .fcsv file that is no point.
     #[error("is not a .fcsv file: line {line}: {what}")]
@@ -159,6 +161,27 @@ fn joined(names: impl ExactSizeIterator<Item = String>, with: &str) -> String {
     } else {
         listed
     }
+}
+
+/// Characters of the JSON reader's message that are repeated.
+const MAX_JSON: usize = 120;
+
+/// What the JSON reader says, which may quote a text of the file in whole, and ends with the place.
+fn json(error: &serde_json::Error) -> String {
+    let message = error.to_string();
+    let place = format!(" at line {} column {}", error.line(), error.column());
+    let (what, place) = match message.strip_suffix(&place) {
+        Some(what) => (what, place.as_str()),
+        None => (message.as_str(), ""),
+    };
+    let length = what.chars().count();
+    if length <= MAX_JSON {
+        return format!("{what}{place}");
+    }
+    // What was found is at the beginning, what is expected at the end.
+    let start: String = what.chars().take(MAX_JSON / 2).collect();
+    let end: String = what.chars().skip(length - MAX_JSON / 2).collect();
+    format!("{start}…{end}{place}")
 }
 
 /// The file's text for a message: control characters escaped, shortened where it is long.

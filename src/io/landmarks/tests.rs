@@ -216,6 +216,15 @@ fn what_is_no_file_of_landmarks_is_refused() {
         &["number out of range", "line 9 column"],
     );
     assert_refused(json().replace("-110.5", "NaN"), &["line 9 column"]);
+    // A megabyte of text in the place of a list is not repeated.
+    let long = format!("{{\"markups\": \"{}\"}}", "\\u001bx".repeat(100_000));
+    let message = parse(long.as_bytes()).unwrap_err().to_string();
+    assert!(message.len() < 300, "{} bytes", message.len());
+    assert!(
+        message.contains("…") && message.contains("expected a sequence"),
+        "{message}"
+    );
+    assert!(message.contains("at line 1 column"), "{message}");
     assert_refused("{\"a\":".repeat(100_000), &["not markups JSON"]);
     assert_refused(
         json().replace("LPS", "lps"),

@@ -122,9 +122,10 @@ pub enum NiftiProblem {
         /// How many are read before giving up.
         limit: u64,
     },
-    /// NaN or infinity among the samples.
+    /// NaN or infinity among the samples, or what is far beyond Hounsfield units.
     #[error(
-        "{count} of {total} voxels are not numbers; the first is {value} at stored index ({}, {}, {}); replace them (air is -1000 HU) in the program that wrote the file",
+        "{count} of {total} voxels are {}; the first is {value} at stored index ({}, {}, {}); replace them (air is -1000 HU) in the program that wrote the file",
+        if value.is_finite() { "too large for Hounsfield units" } else { "not numbers" },
         first[0], first[1], first[2]
     )]
     NotFinite {

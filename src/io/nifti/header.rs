@@ -314,6 +314,9 @@ fn sample_type(header: &NiftiHeader) -> Result<SampleType, NiftiProblem> {
     Ok(found)
 }
 
+/// The largest slope and intercept: the largest 64-bit integer times this is still an `f32`.
+const MAX_RESCALE: f32 = 1e18;
+
 fn rescale(header: &NiftiHeader) -> Result<Rescale, NiftiProblem> {
     let (slope, intercept) = (header.scl_slope, header.scl_inter);
     if slope == 0.0 || !slope.is_finite() {
@@ -327,6 +330,12 @@ fn rescale(header: &NiftiHeader) -> Result<Rescale, NiftiProblem> {
             expected,
             "correct it, or set scl_slope to 0",
         ));
+    }
+    for (name, value) in [("scl_slope", slope), ("scl_inter", intercept)] {
+        if value.abs() > MAX_RESCALE {
+            let expected = format!("at most {MAX_RESCALE:e} either way");
+            return Err(field(name, value, expected, DAMAGED));
+        }
     }
     Ok(Rescale {
         slope: slope.into(),

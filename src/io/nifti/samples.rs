@@ -12,17 +12,18 @@ use super::error::NiftiProblem;
 use super::header::Header;
 use super::source::{Content, Source};
 use super::template::Template;
-use crate::volume::{AnyVolume, Sample, SampleType, Volume, VolumeError, zeroed};
+use crate::volume::{AnyVolume, Rescale, Sample, SampleType, Volume, VolumeError, zeroed};
 
 /// Bytes decoded at once.
 const PIECE: usize = 1 << 20;
 
 /// The samples of an open file, and the SHA-256 of all its bytes.
 pub(super) fn read(
-    source: Source,
+    mut source: Source,
     header: &Header,
     template: &Template,
 ) -> Result<(AnyVolume, [u8; 32]), NiftiProblem> {
+    source.check_claim(header.needed())?;
     let content = source.content()?;
     match header.sample_type {
         SampleType::U8 => typed::<u8>(content, header, template),
@@ -60,7 +61,7 @@ fn typed<T: Sample + DataElement>(
         for j in (0..nj).step_by(rows_at_once) {
             let rows = rows_at_once.min(nj - j);
             let piece = piece::<T>(&mut content, header, rows)?;
-            odd.look(&piece, [ni, j, k]);
+            odd.look(&piece, header.rescale, [ni, j, k]);
             let piece = ArrayView2::from_shape((rows, ni), &piece).map_err(decode)?;
             let mut plane = stored.index_axis_mut(Axis(0), k);
             plane
@@ -108,7 +109,7 @@ fn piece<T: DataElement>(
     Ok(array.into_raw_vec_and_offset().0)
 }
 
-/// NaN and infinity, counted.
+/// NaN, infinity, and what is beyond the `f32` that Hounsfield units are drawn and meshed in, counted.
 #[derive(Debug, Default)]
 pub(in crate::io) struct NotNumbers {
     count: u64,
@@ -117,13 +118,20 @@ pub(in crate::io) struct NotNumbers {
 
 impl NotNumbers {
     /// Looks through whole rows of `ni` samples, the first of them row `j` of plane `k`.
-    pub(in crate::io) fn look<T: Sample>(&mut self, piece: &[T], [ni, j, k]: [usize; 3]) {
+    ///
+    /// Integers need no look: a header's rescale is bounded so that all of them are Hounsfield units.
+    pub(in crate::io) fn look<T: Sample>(
+        &mut self,
+        piece: &[T],
+        rescale: Rescale,
+        [ni, j, k]: [usize; 3],
+    ) {
         if !matches!(T::TYPE, SampleType::F32 | SampleType::F64) {
             return;
         }
         for (index, sample) in piece.iter().enumerate() {
             let value = sample.to_f64();
-            if !value.is_finite() {
+            if !(rescale.to_hu(value) as f32).is_finite() {
                 self.count += 1;
                 self.first
                     .get_or_insert(([index % ni, j + index / ni, k], value));

@@ -13,6 +13,10 @@ use super::header::{FIRST_OFFSET, Header};
 /// Deflate cannot pack more than this many bytes into one: 258 for two bits.
 pub(in crate::io) const LARGEST_RATIO: u64 = 1032;
 
+/// How many bytes one byte of gzip may claim before they are looked for. A CT packs into a half or a fifth;
+/// what claims more may lie, and is inflated once for nothing before memory is asked for.
+const USUAL_RATIO: u64 = 32;
+
 /// What may follow the samples in a gzip stream. It is read to reach the checksum, so a bound keeps a
 /// bomb from being inflated for hours.
 const TRAILING_LIMIT: u64 = 16 << 20;
@@ -85,11 +89,40 @@ impl Source {
         Ok(header)
     }
 
+    /// Inflates a stream that claims far more than a CT packs into, to find whether it holds that much: memory
+    /// for samples that are not there would be asked for, and, where axes are turned, filled.
+    pub(super) fn check_claim(&mut self, needed: u64) -> Result<(), NiftiProblem> {
+        if !self.compressed {
+            return Ok(());
+        }
+        self.file.rewind().map_err(NiftiProblem::Io)?;
+        check_claim(&self.file, needed, self.len)
+    }
+
     /// The (inflated) bytes from the first.
     pub(super) fn content(mut self) -> Result<Content, NiftiProblem> {
         self.file.rewind().map_err(NiftiProblem::Io)?;
         Ok(Content::new(self.file, self.compressed, Sha256::new()))
     }
+}
+
+/// Whether `compressed` bytes of gzip, from where the file is, hold `needed` bytes. They are inflated only
+/// where that many are unusual. The file is elsewhere then.
+pub(in crate::io) fn check_claim(
+    file: &File,
+    needed: u64,
+    compressed: u64,
+) -> Result<(), NiftiProblem> {
+    if needed <= compressed.saturating_mul(USUAL_RATIO) {
+        return Ok(());
+    }
+    let file = file.try_clone().map_err(NiftiProblem::Io)?;
+    let held = Content::new(file, true, Sha256::new()).skip(needed)?;
+    if held < needed {
+        let missing = needed - held;
+        return Err(NiftiProblem::Truncated { needed, missing });
+    }
+    Ok(())
 }
 
 /// A file's (inflated) bytes, in order.

@@ -8,8 +8,10 @@ use ndarray::{Array3, ArrayView2, Axis, Slice};
 use sha2::{Digest, Sha256};
 
 use super::error::NrrdProblem;
-use super::header::{Encoding, Fields, MAX_HEADER, Skip, end_of_header};
-use crate::io::nifti::{ByteOrder, Content, LARGEST_RATIO, NiftiProblem, NotNumbers, Scan};
+use super::header::{Encoding, Fields, MAX_HEADER, Skip, end_of_header, shown};
+use crate::io::nifti::{
+    ByteOrder, Content, LARGEST_RATIO, NiftiProblem, NotNumbers, Scan, check_claim,
+};
 use crate::volume::{AnyVolume, Rescale, Sample, SampleType, Volume, zeroed};
 
 /// Bytes decoded at once.
@@ -26,6 +28,10 @@ pub(super) struct Opened {
     file: File,
     /// Of all bytes before that.
     sha256: Sha256,
+    /// Where that is.
+    begin: u64,
+    /// Bytes from there to the end of the file.
+    left: u64,
     /// Passed over, once inflated, to reach the samples.
     skip: u64,
 }
@@ -58,7 +64,7 @@ pub(super) fn open(path: &Path) -> Result<Opened, NrrdProblem> {
             let folder = path.parent().unwrap_or(Path::new(""));
             let (file, len) = open_file(&folder.join(name)).map_err(|problem| match problem {
                 NiftiProblem::Io(error) => NrrdProblem::DataFile {
-                    name: name.clone(),
+                    name: shown(name),
                     error,
                 },
                 other => other.into(),
@@ -93,6 +99,8 @@ pub(super) fn open(path: &Path) -> Result<Opened, NrrdProblem> {
             header,
             file,
             sha256,
+            begin,
+            left,
             skip,
         }),
     }
@@ -167,8 +175,10 @@ pub(super) fn read(file: Opened) -> Result<Scan, NrrdProblem> {
 fn typed<T: Sample + Decode>(file: Opened) -> Result<Scan, NrrdProblem> {
     let Opened {
         header,
-        file,
+        mut file,
         sha256,
+        begin,
+        left,
         skip,
     } = file;
     let placed = header.placed()?;
@@ -177,6 +187,11 @@ fn typed<T: Sample + Decode>(file: Opened) -> Result<Scan, NrrdProblem> {
     let memory = |_| NiftiProblem::Memory {
         bytes: header.sample_bytes(),
     };
+    if header.encoding == Encoding::Gzip {
+        check_claim(&file, skip.saturating_add(header.sample_bytes()), left)?;
+        file.seek(SeekFrom::Start(begin))
+            .map_err(NiftiProblem::Io)?;
+    }
     let samples = zeroed::<T>(grid.len()).map_err(memory)?;
     let mut samples = Array3::from_shape_vec((nz, ny, nx), samples).map_err(decode)?;
 
@@ -203,7 +218,7 @@ fn typed<T: Sample + Decode>(file: Opened) -> Result<Scan, NrrdProblem> {
                 .chunks_exact(size_of::<T>())
                 .map(|sample| T::decode(sample, header.order))
                 .collect();
-            odd.look(&piece, [ni, j, k]);
+            odd.look(&piece, Rescale::NONE, [ni, j, k]);
             let piece = ArrayView2::from_shape((rows, ni), &piece).map_err(decode)?;
             let mut plane = stored.index_axis_mut(Axis(0), k);
             plane

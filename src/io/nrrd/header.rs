@@ -130,7 +130,7 @@ fn bad(field: &'static str, found: &str, expected: impl Into<String>) -> NrrdPro
 }
 
 /// The file's text for a message: control characters escaped, shortened where it is long.
-fn shown(text: &str) -> String {
+pub(super) fn shown(text: &str) -> String {
     crate::text::shown(text, MAX_SHOWN)
 }
 
