@@ -6,21 +6,59 @@
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use tempfile::NamedTempFile;
 use thiserror::Error;
 
+/// What the names of temporary files and folders begin with.
+pub(super) const HIDDEN: &str = ".rhinoplan-";
+
 /// Why an output file was not written. Nothing stands under its name but what stood there before.
 #[derive(Debug, Error)]
-#[error("cannot {action} `{}`: {source}", path.display())]
+#[error("cannot {action} `{}`: {source}{}", shown(path), remedy(source))]
 pub struct ArtifactError {
-    /// The file that was to be.
+    /// The file that was to be, or its folder.
     pub path: PathBuf,
-    /// What failed: "create", "write" or "put in place".
+    /// What failed, as in "cannot create".
     pub action: &'static str,
     /// What the system said.
     pub source: io::Error,
+}
+
+/// A path where the user looks for it: a file on its way through a hidden folder will not be there.
+fn shown(path: &Path) -> String {
+    let is_hidden = |part: &Component<'_>| part.as_os_str().to_string_lossy().starts_with(HIDDEN);
+    let known = path.components().filter(|part| !is_hidden(part));
+    known.collect::<PathBuf>().display().to_string()
+}
+
+/// What the user can do, where the system's words do not say it.
+fn remedy(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "; make room, or choose another folder"
+        }
+        io::ErrorKind::FileTooLarge => {
+            "; raise the limit on the size of a file, or choose a folder on another disk"
+        }
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "; choose a folder that you may write to"
+        }
+        _ => "",
+    }
+}
+
+/// Writes a whole file.
+///
+/// # Errors
+/// As [`Artifact::create`] and [`Artifact::commit`].
+pub fn save(path: &Path, bytes: &[u8]) -> Result<(), ArtifactError> {
+    let mut artifact = Artifact::create(path)?;
+    artifact
+        .write_all(bytes)
+        .map_err(|error| artifact.failed(error))?;
+    artifact.commit()
 }
 
 /// A file being written.
@@ -130,7 +168,7 @@ fn temporary_beside(path: &Path) -> io::Result<NamedTempFile<File>> {
         _ => Path::new("."),
     };
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".rhinoplan-").suffix(".part");
+    builder.prefix(HIDDEN).suffix(".part");
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -228,6 +266,37 @@ mod tests {
         let error = Artifact::create(folder.path()).unwrap_err();
         assert_eq!(error.source.kind(), io::ErrorKind::IsADirectory);
         assert!(Artifact::create("..").is_err());
+    }
+
+    #[test]
+    fn errors_name_the_file_where_it_will_be_and_what_to_do() {
+        let message = |kind: io::ErrorKind, path: &str| {
+            let (path, source) = (path.into(), kind.into());
+            let action = "write";
+            ArtifactError {
+                path,
+                action,
+                source,
+            }
+            .to_string()
+        };
+        let full = message(
+            io::ErrorKind::StorageFull,
+            "out/x/.rhinoplan-a1b2c3/a/volume.nii.gz",
+        );
+        assert!(
+            full.starts_with("cannot write `out/x/a/volume.nii.gz`: "),
+            "{full}"
+        );
+        assert!(
+            full.ends_with("; make room, or choose another folder"),
+            "{full}"
+        );
+        let plain = message(io::ErrorKind::NotADirectory, "../a.b/c");
+        assert!(
+            plain.starts_with("cannot write `../a.b/c`: ") && !plain.contains(';'),
+            "{plain}"
+        );
     }
 
     /// A folder that takes the name while the file is being written.
