@@ -7,10 +7,13 @@
 )]
 
 mod check;
+mod disk;
 mod exits;
 mod failures;
 mod head;
+mod killed;
 mod landmarks;
+mod left_over;
 mod meshes;
 mod nrrd;
 mod outputs;
