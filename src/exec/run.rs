@@ -136,7 +136,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
     let timings = clock.timings(&plan.name);
     write_json(&staging.begin_unlisted("timings.json")?, &timings)?;
     // Last, so that a folder with a record is a finished run.
-    write_json(&staging.begin("run.json")?, &record)?;
+    write_json(&staging.begin_unlisted("run.json")?, &record)?;
     let published = staging.publish()?;
     for name in published.kept {
         let warning = format!(

@@ -64,8 +64,22 @@ pub fn save(path: &Path, bytes: &[u8]) -> Result<(), ArtifactError> {
 /// A file being written.
 #[derive(Debug)]
 pub struct Artifact {
-    to: BufWriter<NamedTempFile>,
+    to: BufWriter<Unnamed>,
     path: PathBuf,
+}
+
+/// A temporary file whose errors are the system's own: the library adds its name, which means nothing to the user.
+#[derive(Debug)]
+struct Unnamed(NamedTempFile);
+
+impl Write for Unnamed {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.as_file_mut().write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.as_file_mut().flush()
+    }
 }
 
 impl Artifact {
@@ -87,7 +101,7 @@ impl Artifact {
 
     fn over(file: NamedTempFile, path: PathBuf) -> Self {
         Self {
-            to: BufWriter::new(file),
+            to: BufWriter::new(Unnamed(file)),
             path,
         }
     }
@@ -117,7 +131,7 @@ impl Artifact {
         let stored = to
             .into_inner()
             .map_err(|error| error.into_error())
-            .and_then(|file| {
+            .and_then(|Unnamed(file)| {
                 // Only this reports the errors of delayed writing; without it a full disk could pass.
                 file.as_file().sync_all()?;
                 Ok(file)
@@ -252,6 +266,7 @@ mod tests {
         artifact.write_all(b"a few bytes").unwrap();
         let error = artifact.commit().unwrap_err();
         assert_eq!(error.source.kind(), io::ErrorKind::StorageFull);
+        assert!(!error.to_string().contains(HIDDEN), "{error}");
         assert_eq!((error.action, &error.path), ("write", &path));
         assert!(names(folder.path()).is_empty());
     }

@@ -114,7 +114,7 @@ fn what_cannot_be_written_at_all_is_told_in_every_phase() {
         ("views", "preoperative/view-frontal.png"),
         ("slices", "both/01-move/slice-sagittal.png"),
         ("charts", "both/profile.svg"),
-        ("mesh", "preoperative/skin.stl"),
+        ("mesh", "preoperative/bone.stl"),
         ("solids", "both/01-move/augmentation.stl"),
     ] {
         let only = format!("write = [\"{write}\"]");

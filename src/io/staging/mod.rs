@@ -125,8 +125,8 @@ impl Staging {
         self.begin_file(name.as_ref(), true)
     }
 
-    /// As [`Staging::begin`], for a file that every run writes, each time differently: it is never left over,
-    /// and the list of files, which is the same from run to run, does without it.
+    /// As [`Staging::begin`], for a file that every run writes. It is never left over, so the list of files does
+    /// without it, and stays the same where only such a file differs.
     ///
     /// # Errors
     /// As [`Staging::begin`].
@@ -136,7 +136,7 @@ impl Staging {
 
     fn begin_file(&mut self, name: &Path, is_listed: bool) -> Result<PathBuf, ArtifactError> {
         self.check(name)?;
-        let path = self.hidden.path().join(name);
+        let path = self.hidden_folder().join(name);
         make_parent(&path)?;
         self.files.push(Begun {
             name: name.to_owned(),
@@ -157,7 +157,7 @@ impl Staging {
             .map(|file| &file.name)
             .collect();
         let digests = new.into_par_iter().map(|name| {
-            let path = self.hidden.path().join(name);
+            let path = self.hidden_folder().join(name);
             match sha256_hex_of_file(&path) {
                 Ok(sha256) => Ok((name.clone(), sha256)),
                 Err(source) => Err(ArtifactError {
@@ -195,7 +195,7 @@ impl Staging {
             if !stuck.is_undone {
                 // What was there before is in it.
                 self.hidden.disable_cleanup(true);
-                let saved = self.hidden.path().join(OLD);
+                let saved = self.hidden_folder().join(OLD);
                 error.source = io::Error::other(format!(
                     "{}; earlier files could not all be put back and are in `{}`, which the next run removes",
                     error.source,
@@ -215,6 +215,13 @@ impl Staging {
         })
     }
 
+    /// The hidden folder, named as the user named the target: `TempDir` makes it absolute.
+    fn hidden_folder(&self) -> PathBuf {
+        let path = self.hidden.path();
+        path.file_name()
+            .map_or_else(|| path.to_owned(), |name| self.target.join(name))
+    }
+
     fn manifest(&self) -> Manifest {
         let mut manifest = Manifest::default();
         for (name, sha256) in &self.digests {
@@ -227,7 +234,7 @@ impl Staging {
 
     fn write_manifest(&self, manifest: &Manifest) -> Result<(), ArtifactError> {
         let (from, to) = (
-            self.hidden.path().join(MANIFEST),
+            self.hidden_folder().join(MANIFEST),
             self.target.join(MANIFEST),
         );
         save(&from, manifest.text().as_bytes())?;
@@ -242,7 +249,7 @@ impl Staging {
         left_over: &[String],
         made: &mut Made,
     ) -> Result<Vec<Move>, ArtifactError> {
-        let hidden = self.hidden.path();
+        let hidden = self.hidden_folder();
         let mut moves = Vec::new();
         let replaced = names
             .last()
