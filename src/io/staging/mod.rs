@@ -33,6 +33,9 @@ use super::digest::sha256_hex_of_file;
 /// In the hidden folder: what is taken away while files are put in place.
 const OLD: &str = ".old";
 
+/// In the hidden folder: the list of files, to be renamed when all is done, which needs no room on the disk.
+const NOW: &str = ".now";
+
 /// The files of a run that is not finished.
 ///
 /// Dropped without [`Staging::publish`], it leaves the folder as it was. (What is dropped is in this order:
@@ -186,6 +189,8 @@ impl Staging {
         let names: Vec<_> = self.files.iter().map(|file| file.name.clone()).collect();
         let left = earlier.left_over(&names, &self.target);
         let now = self.manifest();
+        let settled = self.hidden_folder().join(NOW);
+        save(&settled, now.text().as_bytes())?;
         // Killed from here on, the next run knows the files of both.
         self.write_manifest(&now.clone().and(&earlier))?;
         let mut made = Made::default();
@@ -205,7 +210,7 @@ impl Staging {
             return Err(error);
         }
         // A list of files that are gone does no harm, so a run that is whole does not fail for it.
-        let _ = self.write_manifest(&now);
+        let _ = fs::rename(settled, self.target.join(MANIFEST));
         for name in &left.names {
             self.remove_empty_folders(name);
         }
@@ -264,7 +269,7 @@ impl Staging {
                 continue;
             }
             let to = hidden.join(OLD).join(name);
-            make_parent(&to)?;
+            make_parent(&to).map_err(|error| put_in_place(&path, error.source))?;
             moves.push(Move {
                 from: path.clone(),
                 to,
