@@ -85,7 +85,8 @@ impl Bench {
         started.end();
         let mut found = self.desk.files("out/good");
         let hidden = found.keys().any(|name| name.starts_with(".rhinoplan-"));
-        found.retain(|name, _| !name.starts_with(".rhinoplan"));
+        // Folders are made before files come, and removed after files went.
+        found.retain(|name, _| !name.starts_with(".rhinoplan") && !name.ends_with('/'));
         if let Some(timings) = found.remove("timings.json") {
             serde_json::from_slice::<serde_json::Value>(&timings).unwrap();
         }

@@ -209,11 +209,12 @@ impl Staging {
             }
             return Err(error);
         }
-        // A list of files that are gone does no harm, so a run that is whole does not fail for it.
-        let _ = fs::rename(settled, self.target.join(MANIFEST));
+        // While they are still listed: killed among these, the next run goes on with them.
         for name in &left.names {
             self.remove_empty_folders(name);
         }
+        // A list of files that are gone does no harm, so a run that is whole does not fail for it.
+        let _ = fs::rename(settled, self.target.join(MANIFEST));
         Ok(Published {
             removed: left.files,
             kept: left.changed,
@@ -297,8 +298,14 @@ impl Staging {
     /// The folders of a file that is gone, up to the target, as far as nothing is in them.
     fn remove_empty_folders(&self, name: &str) {
         for folder in Path::new(name).ancestors().skip(1) {
-            if folder.as_os_str().is_empty() || fs::remove_dir(self.target.join(folder)).is_err() {
+            if folder.as_os_str().is_empty() {
                 return;
+            }
+            match fs::remove_dir(self.target.join(folder)) {
+                Ok(()) => {}
+                // A killed run got this far.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(_) => return,
             }
         }
     }

@@ -161,6 +161,22 @@ fn what_the_run_before_wrote_and_this_one_does_not_goes_away() {
     );
 }
 
+/// Killed while it removes folders, a run leaves some of them, and the list of its files and of those before.
+#[test]
+fn empty_folders_that_a_killed_run_left_go_away() {
+    for gone in ["", "b/01-y"] {
+        let root = tempfile::tempdir().unwrap();
+        begin(root.path(), &FIRST, "first").publish().unwrap();
+        fs::remove_file(root.path().join("b/01-y/volume.nii.gz")).unwrap();
+        if !gone.is_empty() {
+            fs::remove_dir(root.path().join(gone)).unwrap();
+        }
+        let published = begin(root.path(), &SECOND, "second").publish().unwrap();
+        assert_eq!(published, Published::default());
+        assert!(!root.path().join("b").exists(), "{gone}");
+    }
+}
+
 #[test]
 fn what_is_not_the_run_befores_stays() {
     let root = tempfile::tempdir().unwrap();
