@@ -21,7 +21,7 @@ use crate::with_volume;
 
 /// `run`: each plan in turn. A plan that fails does not stop the next; the worst exit code is kept.
 pub(super) fn run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
-    let ready = match exec::prepare(plans) {
+    let ready = match prepare_into(plans, out) {
         Ok(ready) => ready,
         Err(refusal) => return refuse(&refusal, output),
     };
@@ -46,9 +46,15 @@ pub(super) fn run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
     code
 }
 
+fn prepare_into(plans: &[PathBuf], out: &Path) -> Result<Vec<Ready>, Refusal> {
+    let ready = exec::prepare(plans)?;
+    exec::check_folders(&ready, out)?;
+    Ok(ready)
+}
+
 /// `run --dry-run`: what would be done.
 pub(super) fn dry_run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
-    let ready = match exec::prepare(plans) {
+    let ready = match prepare_into(plans, out) {
         Ok(ready) => ready,
         Err(refusal) => return refuse(&refusal, output),
     };
@@ -233,13 +239,13 @@ fn warn(file: &str, ct: &CtHeader, output: &Output) {
 }
 
 fn refuse(refusal: &Refusal, output: &Output) -> ExitCode {
-    for message in &refusal.unreadable {
+    for message in refusal.unplaced() {
         output.error(message);
     }
     for fault in refusal.diagnostics() {
         output.fault(fault);
     }
-    let faults = refusal.unreadable.len() + refusal.diagnostics().count();
+    let faults = refusal.unplaced().count() + refusal.diagnostics().count();
     output.note(&format!("{}; nothing was computed", count(faults, "fault")));
     refusal.exit_code()
 }
@@ -262,6 +268,12 @@ fn summary(report: &RunReport) -> String {
             after.height_mm,
             before.volume_total_mm3,
             after.volume_total_mm3,
+        ));
+    }
+    if !report.removed.is_empty() {
+        text.push_str(&format!(
+            "\n  removed {} of an earlier run, which this plan does not write",
+            count(report.removed.len(), "file")
         ));
     }
     text

@@ -21,5 +21,5 @@ mod timings;
 
 pub use error::{ExitCode, RunError};
 pub use events::{Event, Observer, Phase, Place};
-pub use preflight::{Ready, Refusal, prepare};
+pub use preflight::{Ready, Refusal, check_folders, prepare};
 pub use run::{RunReport, run};

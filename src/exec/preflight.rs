@@ -33,20 +33,27 @@ pub struct Refusal {
     pub faults: Diagnostics,
     /// CTs that cannot be used, at the place of the plan that names them.
     pub cts: Diagnostics,
+    /// Folders that two plans would write into.
+    pub folders: Vec<String>,
 }
 
 impl Refusal {
     fn is_empty(&self) -> bool {
-        self.unreadable.is_empty() && self.faults.is_empty() && self.cts.is_empty()
+        self.unplaced().next().is_none() && self.faults.is_empty() && self.cts.is_empty()
     }
 
     /// What the process ends with: a fault of a plan outweighs one of its CT.
     pub fn exit_code(&self) -> ExitCode {
-        if self.unreadable.is_empty() && self.faults.is_empty() {
+        if self.unplaced().next().is_none() && self.faults.is_empty() {
             ExitCode::Input
         } else {
             ExitCode::Usage
         }
+    }
+
+    /// What has no place in a plan.
+    pub fn unplaced(&self) -> impl Iterator<Item = &String> {
+        self.unreadable.iter().chain(&self.folders)
     }
 
     /// Every placed fault, plans' before CTs'.
@@ -118,6 +125,36 @@ fn prepare_one(file: &PlanFile, refusal: &mut Refusal) -> Option<Ready> {
             refusal.faults.extend(faults);
             None
         }
+    }
+}
+
+/// Whether each plan has an output folder of its own. Plans of one run have different names, but their folders can
+/// be links to the same one.
+///
+/// # Errors
+/// [`Refusal`] that names the plans.
+pub fn check_folders(plans: &[Ready], out: &Path) -> Result<(), Refusal> {
+    let mut refusal = Refusal::default();
+    let mut folders: HashMap<PathBuf, &Ready> = HashMap::new();
+    for ready in plans {
+        // One that is not there is no link, and is told apart by its name.
+        let Ok(folder) = output_folder(out, &ready.plan).canonicalize() else {
+            continue;
+        };
+        if let Some(first) = folders.insert(folder, ready) {
+            refusal.folders.push(format!(
+                "`{}` and `{}`, of {} and {}, are the same folder; give the plans folders of their own",
+                output_folder(out, &first.plan).display(),
+                output_folder(out, &ready.plan).display(),
+                first.file,
+                ready.file,
+            ));
+        }
+    }
+    if refusal.is_empty() {
+        Ok(())
+    } else {
+        Err(refusal)
     }
 }
 

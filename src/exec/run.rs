@@ -1,6 +1,5 @@
 //! One plan, computed from its CT to its tables.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::{Serialize, Serializer};
@@ -16,7 +15,7 @@ use super::skin_landmarks::{SkinLandmark, moved, skin_landmarks};
 use super::surfaces::{self, StageSurfaces, Surfaces};
 use super::timings::{Clock, Timings};
 use crate::feature::FeatureLine;
-use crate::io::artifact::{Artifact, ArtifactError};
+use crate::io::artifact::save;
 use crate::io::nifti::{Template, save_displacement, save_volume};
 use crate::io::nrrd::{self, OutputType};
 use crate::io::staging::Staging;
@@ -48,6 +47,8 @@ pub struct RunReport {
     pub timings: Timings,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// Files of earlier runs that this plan does not write and that were removed, by their names in the folder.
+    pub removed: Vec<String>,
 }
 
 /// A path need not be Unicode, a document must be.
@@ -70,6 +71,11 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         phases,
     });
     let mut staging = Staging::new(&folder)?;
+    // Of this disk: told, but not part of the record.
+    let mut warnings: Vec<String> = staging.warning().into_iter().collect();
+    for warning in &warnings {
+        clock.tell(&Event::Warning(warning.clone()));
+    }
     let (ct, skin_hu) = clock.time(Phase::Read, None, || {
         let ct = ct::load(&plan.ct)?;
         let skin_hu = skin_hu(&plan.segment, &ct.volume)?;
@@ -108,9 +114,8 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         }
     }
     let candidates = with_volume!(&ct.volume, volume => session.candidates(volume))?;
-    let Session {
-        warnings, of_input, ..
-    } = session;
+    let of_input = session.of_input;
+    warnings.extend(session.warnings);
     let record = RunRecord {
         format: FORMAT,
         program: Program::THIS,
@@ -129,18 +134,30 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         candidates,
     };
     drop::<Ct>(ct);
-    clock.time(Phase::Publish, None, || write_tables(&mut staging, &record))?;
+    clock.time(Phase::Publish, None, || {
+        write_tables(&mut staging, &record)?;
+        Ok::<_, RunError>(staging.digest()?)
+    })?;
     let timings = clock.timings(&plan.name);
-    write_json(&staging.begin("timings.json")?, &timings)?;
+    write_json(&staging.begin_unlisted("timings.json")?, &timings)?;
     // Last, so that a folder with a record is a finished run.
-    write_json(&staging.begin("run.json")?, &record)?;
-    staging.publish()?;
+    write_json(&staging.begin_unlisted("run.json")?, &record)?;
+    let published = staging.publish()?;
+    for name in published.kept {
+        let warning = format!(
+            "`{}` is of an earlier run, and this plan does not write it; it was changed since, so it was left",
+            folder.join(name).display()
+        );
+        clock.tell(&Event::Warning(warning.clone()));
+        warnings.push(warning);
+    }
     clock.tell(&Event::PlanFinished);
     Ok(RunReport {
         folder,
         record,
         timings,
         warnings,
+        removed: published.removed,
     })
 }
 
@@ -504,25 +521,15 @@ fn measure<T: Sample>(
 }
 
 fn write_tables(staging: &mut Staging, record: &RunRecord) -> Result<(), RunError> {
-    let mut table = Artifact::create(staging.begin("measurements.csv")?)?;
+    let mut table = Vec::new();
     csv::write(&mut table, record)?;
-    table.commit()?;
-    write_text(&staging.begin("table.md")?, &markdown::tables(record))
+    save(&staging.begin("measurements.csv")?, &table)?;
+    let tables = markdown::tables(record);
+    Ok(save(&staging.begin("table.md")?, tables.as_bytes())?)
 }
 
 fn write_json(path: &Path, what: &impl Serialize) -> Result<(), RunError> {
     let mut text = serde_json::to_string_pretty(what)?;
     text.push('\n');
-    write_text(path, &text)
-}
-
-fn write_text(path: &Path, text: &str) -> Result<(), RunError> {
-    fs::write(path, text).map_err(|source| {
-        ArtifactError {
-            path: path.to_owned(),
-            action: "write",
-            source,
-        }
-        .into()
-    })
+    Ok(save(path, text.as_bytes())?)
 }

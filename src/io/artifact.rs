@@ -6,28 +6,80 @@
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use tempfile::NamedTempFile;
 use thiserror::Error;
 
+/// What the names of temporary files and folders begin with.
+pub(super) const HIDDEN: &str = ".rhinoplan-";
+
 /// Why an output file was not written. Nothing stands under its name but what stood there before.
 #[derive(Debug, Error)]
-#[error("cannot {action} `{}`: {source}", path.display())]
+#[error("cannot {action} `{}`: {source}{}", shown(path), remedy(source))]
 pub struct ArtifactError {
-    /// The file that was to be.
+    /// The file that was to be, or its folder.
     pub path: PathBuf,
-    /// What failed: "create", "write" or "put in place".
+    /// What failed, as in "cannot create".
     pub action: &'static str,
     /// What the system said.
     pub source: io::Error,
 }
 
+/// A path where the user looks for it: a file on its way through a hidden folder will not be there.
+fn shown(path: &Path) -> String {
+    let is_hidden = |part: &Component<'_>| part.as_os_str().to_string_lossy().starts_with(HIDDEN);
+    let known = path.components().filter(|part| !is_hidden(part));
+    known.collect::<PathBuf>().display().to_string()
+}
+
+/// What the user can do, where the system's words do not say it.
+fn remedy(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "; make room, or choose another folder"
+        }
+        io::ErrorKind::FileTooLarge => {
+            "; raise the limit on the size of a file, or choose a folder on another disk"
+        }
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            "; choose a folder that you may write to"
+        }
+        _ => "",
+    }
+}
+
+/// Writes a whole file.
+///
+/// # Errors
+/// As [`Artifact::create`] and [`Artifact::commit`].
+pub fn save(path: &Path, bytes: &[u8]) -> Result<(), ArtifactError> {
+    let mut artifact = Artifact::create(path)?;
+    artifact
+        .write_all(bytes)
+        .map_err(|error| artifact.failed(error))?;
+    artifact.commit()
+}
+
 /// A file being written.
 #[derive(Debug)]
 pub struct Artifact {
-    to: BufWriter<NamedTempFile>,
+    to: BufWriter<Unnamed>,
     path: PathBuf,
+}
+
+/// A temporary file whose errors are the system's own: the library adds its name, which means nothing to the user.
+#[derive(Debug)]
+struct Unnamed(NamedTempFile);
+
+impl Write for Unnamed {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.as_file_mut().write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.as_file_mut().flush()
+    }
 }
 
 impl Artifact {
@@ -49,7 +101,7 @@ impl Artifact {
 
     fn over(file: NamedTempFile, path: PathBuf) -> Self {
         Self {
-            to: BufWriter::new(file),
+            to: BufWriter::new(Unnamed(file)),
             path,
         }
     }
@@ -79,7 +131,7 @@ impl Artifact {
         let stored = to
             .into_inner()
             .map_err(|error| error.into_error())
-            .and_then(|file| {
+            .and_then(|Unnamed(file)| {
                 // Only this reports the errors of delayed writing; without it a full disk could pass.
                 file.as_file().sync_all()?;
                 Ok(file)
@@ -130,7 +182,7 @@ fn temporary_beside(path: &Path) -> io::Result<NamedTempFile<File>> {
         _ => Path::new("."),
     };
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".rhinoplan-").suffix(".part");
+    builder.prefix(HIDDEN).suffix(".part");
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -214,6 +266,7 @@ mod tests {
         artifact.write_all(b"a few bytes").unwrap();
         let error = artifact.commit().unwrap_err();
         assert_eq!(error.source.kind(), io::ErrorKind::StorageFull);
+        assert!(!error.to_string().contains(HIDDEN), "{error}");
         assert_eq!((error.action, &error.path), ("write", &path));
         assert!(names(folder.path()).is_empty());
     }
@@ -228,6 +281,37 @@ mod tests {
         let error = Artifact::create(folder.path()).unwrap_err();
         assert_eq!(error.source.kind(), io::ErrorKind::IsADirectory);
         assert!(Artifact::create("..").is_err());
+    }
+
+    #[test]
+    fn errors_name_the_file_where_it_will_be_and_what_to_do() {
+        let message = |kind: io::ErrorKind, path: &str| {
+            let (path, source) = (path.into(), kind.into());
+            let action = "write";
+            ArtifactError {
+                path,
+                action,
+                source,
+            }
+            .to_string()
+        };
+        let full = message(
+            io::ErrorKind::StorageFull,
+            "out/x/.rhinoplan-a1b2c3/a/volume.nii.gz",
+        );
+        assert!(
+            full.starts_with("cannot write `out/x/a/volume.nii.gz`: "),
+            "{full}"
+        );
+        assert!(
+            full.ends_with("; make room, or choose another folder"),
+            "{full}"
+        );
+        let plain = message(io::ErrorKind::NotADirectory, "../a.b/c");
+        assert!(
+            plain.starts_with("cannot write `../a.b/c`: ") && !plain.contains(';'),
+            "{plain}"
+        );
     }
 
     /// A folder that takes the name while the file is being written.

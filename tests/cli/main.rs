@@ -8,10 +8,13 @@
 
 mod anatomy;
 mod check;
+mod disk;
 mod exits;
 mod failures;
 mod head;
+mod killed;
 mod landmarks;
+mod left_over;
 mod meshes;
 mod nrrd;
 mod outputs;

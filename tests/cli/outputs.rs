@@ -77,6 +77,7 @@ fn the_files_are_those_of_the_contract_in_the_default_folder() {
     assert_eq!(
         names(&desk.files("out")),
         [
+            "good/.rhinoplan.files",
             "good/both/01-move/displacement.nii.gz",
             "good/both/01-move/volume.nii.gz",
             "good/both/02-reduce/displacement.nii.gz",
@@ -102,7 +103,13 @@ fn without_outputs_there_are_tables_only() {
     let files = desk.files("here/good");
     assert_eq!(
         names(&files),
-        ["measurements.csv", "run.json", "table.md", "timings.json"]
+        [
+            ".rhinoplan.files",
+            "measurements.csv",
+            "run.json",
+            "table.md",
+            "timings.json"
+        ]
     );
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
 
@@ -53,24 +53,27 @@ impl Desk {
 
     /// The program, here, with its streams caught: never a terminal.
     pub fn run(&self, args: &[&str]) -> Ran {
-        let output = Command::new(env!("CARGO_BIN_EXE_rhinoplan"))
-            .args(args)
-            .current_dir(self.path())
-            .stdin(Stdio::null())
-            .output()
-            .unwrap();
-        let ran = Ran {
-            code: output.status.code().unwrap_or(-1),
-            out: String::from_utf8(output.stdout).unwrap(),
-            err: String::from_utf8(output.stderr).unwrap(),
-        };
-        for text in [&ran.out, &ran.err] {
-            assert!(
-                !text.contains(['\u{1b}', '\r']),
-                "made for a terminal: {ran:?}"
-            );
-        }
-        ran
+        self.start(args).end()
+    }
+
+    /// The same, while it runs.
+    pub fn start(&self, args: &[&str]) -> Started {
+        self.spawn(Command::new(env!("CARGO_BIN_EXE_rhinoplan")).args(args))
+    }
+
+    /// The program in a shell that has run `before`.
+    #[cfg(unix)]
+    pub fn run_after(&self, before: &str, args: &[&str]) -> Ran {
+        let script = format!("{before}; exec \"$0\" \"$@\"");
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &script, env!("CARGO_BIN_EXE_rhinoplan")]);
+        self.spawn(shell.args(args)).end()
+    }
+
+    fn spawn(&self, command: &mut Command) -> Started {
+        let command = command.current_dir(self.path()).stdin(Stdio::null());
+        let command = command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        Started(command.spawn().unwrap())
     }
 
     /// Every file in a folder, hidden ones too, by its path there; of a folder without files, its name.
@@ -115,6 +118,41 @@ fn name(root: &Path, path: &Path) -> String {
         .to_str()
         .unwrap()
         .to_owned()
+}
+
+/// The program at work.
+pub struct Started(Child);
+
+impl Started {
+    pub fn id(&self) -> u32 {
+        self.0.id()
+    }
+
+    pub fn has_ended(&mut self) -> bool {
+        self.0.try_wait().unwrap().is_some()
+    }
+
+    /// As `kill -9` does; nothing where it has ended.
+    pub fn kill(&mut self) {
+        self.0.kill().unwrap();
+    }
+
+    /// Waits for its end.
+    pub fn end(self) -> Ran {
+        let output = self.0.wait_with_output().unwrap();
+        let ran = Ran {
+            code: output.status.code().unwrap_or(-1),
+            out: String::from_utf8(output.stdout).unwrap(),
+            err: String::from_utf8(output.stderr).unwrap(),
+        };
+        for text in [&ran.out, &ran.err] {
+            assert!(
+                !text.contains(['\u{1b}', '\r']),
+                "made for a terminal: {ran:?}"
+            );
+        }
+        ran
+    }
 }
 
 /// The names alone.

@@ -9,14 +9,13 @@ mod slices;
 mod surfaces;
 mod views;
 
-use std::fs;
 use std::path::Path;
 
 use image::RgbImage;
 use thiserror::Error;
 
 use crate::exec::error::RunError;
-use crate::io::artifact::ArtifactError;
+use crate::io::artifact::save;
 use crate::io::staging::Staging;
 use crate::picture::{PictureError, encode_png, rasterize};
 use crate::render::CameraError;
@@ -65,15 +64,7 @@ pub enum PicturesError {
 
 /// Puts bytes where a file of that name will be published.
 fn write_bytes(staging: &mut Staging, name: &Path, bytes: &[u8]) -> Result<(), RunError> {
-    let path = staging.begin(name)?;
-    fs::write(&path, bytes).map_err(|source| {
-        ArtifactError {
-            path,
-            action: "write",
-            source,
-        }
-        .into()
-    })
+    Ok(save(&staging.begin(name)?, bytes)?)
 }
 
 /// Writes a drawing as SVG, and as PNG beside it.
