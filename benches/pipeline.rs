@@ -289,12 +289,12 @@ fn view(bencher: Bencher<'_, '_>, size: [usize; 3], azimuth_deg: f64) {
         .bench(|| render(black_box(&[object]), &camera));
 }
 
-#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+#[divan::bench(args = SIZES, sample_count = 25, sample_size = 1)]
 fn view_frontal(bencher: Bencher<'_, '_>, size: [usize; 3]) {
     view(bencher, size, 0.0);
 }
 
-#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+#[divan::bench(args = SIZES, sample_count = 25, sample_size = 1)]
 fn view_oblique_right(bencher: Bencher<'_, '_>, size: [usize; 3]) {
     view(bencher, size, -45.0);
 }

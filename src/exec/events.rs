@@ -34,6 +34,8 @@ pub enum Phase {
     Views,
     /// Drawing and writing slices.
     Slices,
+    /// Finding the profile of the skin in the midplane.
+    Profile,
     /// Profiles and bar charts.
     Charts,
     /// Meshes and solids, from the volume to the files.
@@ -62,6 +64,7 @@ impl Phase {
             Self::Surface => "finding the surface",
             Self::Views => "drawing views",
             Self::Slices => "drawing slices",
+            Self::Profile => "finding the profile",
             Self::Charts => "drawing charts",
             Self::Meshes => "making meshes",
             Self::Inverse => "inverting the displacement field",

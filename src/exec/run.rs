@@ -207,6 +207,7 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
         (Phase::Read, true),
         (Phase::Landmarks, true),
         (Phase::Measure, true),
+        (Phase::Profile, outputs.charts),
         (Phase::Surface, outputs.views),
         (Phase::Views, outputs.views),
         (Phase::Meshes, outputs.mesh || outputs.solids),
@@ -234,6 +235,7 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
                 (Phase::Surface, outputs.views),
                 (Phase::Views, outputs.views),
                 (Phase::Slices, outputs.slices),
+                (Phase::Profile, outputs.charts),
                 (Phase::Meshes, outputs.mesh || outputs.solids),
                 (Phase::Inverse, outputs.inverse),
             ];

@@ -52,7 +52,10 @@ impl<'a> Surfaces<'a> {
         clock: &mut Clock<'_>,
     ) -> Result<(Self, Option<MeshesRecord>), RunError> {
         let profiles = if plan.outputs.charts {
-            Profiles::preoperative(plan, skin_hu, &preoperative).map_err(RunError::Preoperative)?
+            let find = || Profiles::preoperative(plan, skin_hu, &preoperative);
+            clock
+                .time(Phase::Profile, None, find)
+                .map_err(RunError::Preoperative)?
         } else {
             Profiles::default()
         };
@@ -110,7 +113,8 @@ impl<'a> Surfaces<'a> {
             })?;
         }
         if plan.outputs.charts {
-            let added = self.profiles.add(plan, skin_hu, volume);
+            let add = || self.profiles.add(plan, skin_hu, volume);
+            let added = clock.time(Phase::Profile, Some(at), add);
             added.map_err(|source| RunError::Measure {
                 at: at.into(),
                 source,
