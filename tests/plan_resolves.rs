@@ -70,6 +70,74 @@ fn voxel_plan(behind: &str) -> String {
 const ONE_STAGE: &str =
     "[[candidate]]\nname = \"c\"\n[[candidate.stage]]\nname = \"s\"\nf1 = [{ deviate = 1 }]\n";
 
+/// A plan whose candidate `c` has two stages, with this sweep of it.
+fn swept(sweep: &str) -> Plan {
+    resolve(&voxel_plan(&format!(
+        "[[candidate]]\nname = \"c\"\n\
+         [[candidate.stage]]\nname = \"a\"\nf1 = [{{ deviate = 1 }}, {{ rotate = 2 }}]\n\
+         [[candidate.stage]]\nname = \"b\"\nf1 = [{{ rotate = 3 }}, {{ move_tip = {{ mm = [1, 2, 3] }} }}]\n\
+         [[sweep]]\ncandidate = \"c\"\n{sweep}"
+    )))
+}
+
+#[test]
+fn a_sweep_makes_a_candidate_of_every_combination() {
+    let plan = swept(
+        "[[sweep.vary]]\nstage = \"a\"\nedit = \"deviate\"\nfrom = -0.3\nto = 0.3\nsteps = 3\n\
+         [[sweep.vary]]\nstage = \"b\"\nedit = \"move_tip\"\naxis = \"y\"\nvalues = [2.5, 4]\n",
+    );
+    let names: Vec<&str> = plan.candidates.iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(
+        names,
+        [
+            "c",
+            "c-deviate-m0p3-move-tip-y-2p5",
+            "c-deviate-m0p3-move-tip-y-4",
+            "c-deviate-0-move-tip-y-2p5",
+            "c-deviate-0-move-tip-y-4",
+            "c-deviate-0p3-move-tip-y-2p5",
+            "c-deviate-0p3-move-tip-y-4",
+        ]
+    );
+    assert!(plan.candidates[0].swept.is_empty());
+    let last = &plan.candidates[6];
+    assert_eq!(
+        last.title.as_deref(),
+        Some("deviate 0.3 mm, move_tip y 4 mm")
+    );
+    let swept: Vec<_> = last
+        .swept
+        .iter()
+        .map(|of| (of.stage.as_str(), of.edit.as_str(), of.value))
+        .collect();
+    assert_eq!(swept, [("a", "deviate", 0.3), ("b", "move_tip y", 4.0)]);
+
+    // Each is what the plan with these numbers written out has.
+    let written = resolve(&voxel_plan(
+        "[[candidate]]\nname = \"w\"\n\
+         [[candidate.stage]]\nname = \"a\"\nf1 = [{ deviate = 0.3 }, { rotate = 2 }]\n\
+         [[candidate.stage]]\nname = \"b\"\nf1 = [{ rotate = 3 }, { move_tip = { mm = [1, 4, 3] } }]\n",
+    ));
+    assert_eq!(last.stages, written.candidates[0].stages);
+}
+
+#[test]
+fn the_same_edit_of_two_stages_is_told_apart_by_the_stage() {
+    let plan = swept(
+        "name = \"s\"\n[[sweep.vary]]\nstage = \"a\"\nedit = \"rotate\"\nvalues = [1]\n\
+         [[sweep.vary]]\nstage = \"b\"\nedit = \"rotate\"\nvalues = [-1, 1.5]\n",
+    );
+    let names: Vec<&str> = plan.candidates.iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(
+        names,
+        ["c", "s-a-rotate-1-b-rotate-m1", "s-a-rotate-1-b-rotate-1p5"]
+    );
+    assert_eq!(
+        plan.candidates[2].title.as_deref(),
+        Some("rotate 1°, rotate 1.5°")
+    );
+}
+
 /// A plan whose only stage has these edits.
 fn edited(edits: &str) -> Plan {
     resolve(&voxel_plan(&format!(

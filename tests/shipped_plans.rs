@@ -53,13 +53,14 @@ fn run(name: &str) -> RunReport {
 
 /// Each plan is run once, whichever test comes first.
 fn record(name: &'static str) -> &'static RunRecord {
-    static RUNS: [(&str, OnceLock<RunReport>); 6] = [
+    static RUNS: [(&str, OnceLock<RunReport>); 7] = [
         ("two-operations-lee2001", OnceLock::new()),
         ("two-operations-lee2001-half", OnceLock::new()),
         ("two-operations-local", OnceLock::new()),
         ("two-operations-local-half", OnceLock::new()),
         ("four-candidates", OnceLock::new()),
         ("fig8", OnceLock::new()),
+        ("sweep", OnceLock::new()),
     ];
     let (_, cell) = RUNS.iter().find(|(known, _)| *known == name).unwrap();
     &cell.get_or_init(|| run(name)).record
@@ -86,6 +87,7 @@ fn every_plan_that_ships_is_tested_here() {
         [
             "fig8",
             "four-candidates",
+            "sweep",
             "two-operations-lee2001",
             "two-operations-lee2001-half",
             "two-operations-local",
@@ -275,6 +277,11 @@ fn golden_two_operations_local_half() {
 #[test]
 fn golden_four_candidates() {
     golden("four-candidates");
+}
+
+#[test]
+fn golden_sweep() {
+    golden("sweep");
 }
 
 #[test]

@@ -347,6 +347,7 @@ impl Session<'_, '_> {
         Ok(CandidateRecord {
             name: candidate.name.clone(),
             title: candidate.title.clone(),
+            swept: candidate.swept.clone(),
             stages,
         })
     }

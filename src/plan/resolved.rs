@@ -223,6 +223,19 @@ pub struct Candidate {
     pub title: Option<String>,
     /// At least one, with unique names.
     pub stages: Vec<Stage>,
+    /// The numbers that a sweep gave it; none of a candidate that the plan gives itself.
+    pub swept: Vec<Swept>,
+}
+
+/// A number of an edit that a sweep varies.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Swept {
+    /// The stage's name.
+    pub stage: String,
+    /// The edit's name, and the axis of a vector: `rotate`, `move_tip y`.
+    pub edit: String,
+    /// The value that it has here, in the unit of the plan.
+    pub value: f64,
 }
 
 /// One step of an operation: f1 as the stage found it, and as it leaves it.

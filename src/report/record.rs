@@ -10,7 +10,9 @@ use crate::feature::{Cage, Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::measure::{REGION_NAMES, REGIONS};
 use crate::morph::audit::{FieldDifference, WarpAudit};
 use crate::morph::inverse::InverseAudit;
-use crate::plan::{Enhance, MeshSettings, Morph, Outputs, Plan, Segment, SkinThreshold, Views};
+use crate::plan::{
+    Enhance, MeshSettings, Morph, Outputs, Plan, Segment, SkinThreshold, Swept, Views,
+};
 use crate::space::{ContinuousIndex, Grid, GridPoint, GridVector};
 use crate::volume::SampleType;
 
@@ -204,8 +206,11 @@ impl PlanRecord {
 pub struct CandidateRecord {
     /// Its name in the plan.
     pub name: String,
-    /// Its title in the plan.
+    /// Its title in the plan, or what a sweep varied.
     pub title: Option<String>,
+    /// The numbers that a sweep gave it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub swept: Vec<Swept>,
     /// The nose as it is, then each stage.
     pub stages: Vec<StageRecord>,
 }

@@ -6,6 +6,7 @@
 
 mod candidates;
 mod pictures;
+mod sweeps;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

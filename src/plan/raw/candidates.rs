@@ -4,12 +4,13 @@ use std::collections::HashSet;
 
 use super::super::decode::{Faults, Table, Value, describe};
 use super::super::diagnostic::{Code, Fault};
+use super::super::resolved::Swept;
 use super::super::source::{Located, Span};
 use super::{POINT, kind, name, title};
 use crate::feature::{Edit, FeatureKind};
 
 /// The most candidates, stages of a candidate and edits of a stage: more come from a broken generator.
-const MAX_CANDIDATES: usize = 1000;
+pub(super) const MAX_CANDIDATES: usize = 1000;
 const MAX_STAGES: usize = 100;
 const MAX_EDITS: usize = 100;
 /// The name under which tables show the nose as it was.
@@ -23,6 +24,8 @@ pub(in super::super) struct RawCandidate {
     pub name: Option<String>,
     pub title: Option<String>,
     pub stages: Vec<RawStage>,
+    /// The numbers that a sweep gave it.
+    pub swept: Vec<Swept>,
 }
 
 /// A stage as written.
@@ -49,6 +52,23 @@ pub(in super::super) enum RawEdit {
 }
 
 impl RawEdit {
+    /// Its name in a plan.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::MoveTip(_) => "move_tip",
+            Self::MoveRoot(_) => "move_root",
+            Self::TipTo(_) | Self::Word(Edit::TipTo(_)) => "tip_to",
+            Self::RootTo(_) | Self::Word(Edit::RootTo(_)) => "root_to",
+            Self::Word(Edit::MoveTip(_)) => "move_tip",
+            Self::Word(Edit::MoveRoot(_)) => "move_root",
+            Self::Word(Edit::Project(_)) => "project",
+            Self::Word(Edit::Rotate(_)) => "rotate",
+            Self::Word(Edit::Lengthen(_)) => "lengthen",
+            Self::Word(Edit::Deviate(_)) => "deviate",
+            Self::Word(Edit::Width(_)) => "width",
+        }
+    }
+
     /// The name of an edit that a line has and a point has not.
     pub fn name_if_of_a_line(&self) -> Option<&'static str> {
         match self {
@@ -85,6 +105,7 @@ pub(super) fn candidates(plan: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawCa
                 name: unique(name, "candidate", &mut names, faults),
                 title: title(&table, "`candidate.title`", faults),
                 stages: stages(&table, faults),
+                swept: Vec::new(),
             })
         })
         .collect()
@@ -211,35 +232,55 @@ const EDITS: [&str; 9] = [
 fn edit(value: &Value<'_>, faults: &mut Faults) -> Option<Located<RawEdit>> {
     let expected = "an edit, such as { project = -2.0 }; several edits are several tables";
     let (name, given) = faults.choice(value, "an edit of f1", &EDITS, expected, None)?;
-    let mm = |what: &str, faults: &mut Faults| {
-        faults.number(given, what, "a number of mm, of either sign")
-    };
     let edit = match name {
         "move_tip" => RawEdit::MoveTip(vector(given, "`move_tip`", faults)?),
         "move_root" => RawEdit::MoveRoot(vector(given, "`move_root`", faults)?),
         "tip_to" => RawEdit::TipTo(faults.triple(given, "`tip_to`", POINT)?.value),
         "root_to" => RawEdit::RootTo(faults.triple(given, "`root_to`", POINT)?.value),
-        "project" => RawEdit::Word(Edit::Project(mm("`project`", faults)?)),
-        "lengthen" => RawEdit::Word(Edit::Lengthen(mm("`lengthen`", faults)?)),
-        "deviate" => RawEdit::Word(Edit::Deviate(mm("`deviate`", faults)?)),
-        "rotate" => {
-            let expected = "a number of degrees between -180 and 180";
-            let valid = |degrees: f64| degrees.abs() < 180.0;
-            let degrees = faults.number_where(given, "`rotate`", expected, valid)?;
-            RawEdit::Word(Edit::Rotate(degrees))
-        }
-        _ => {
-            let least = MAX_WIDTH.recip();
-            let expected = format!("a factor from {least} to {MAX_WIDTH}; 1 changes nothing");
-            let valid = |factor: f64| (least..=MAX_WIDTH).contains(&factor);
-            let factor = faults.number_where(given, "`width`", &expected, valid)?;
-            RawEdit::Word(Edit::Width(factor))
+        word => {
+            let number = number_of(word, given, &format!("`{word}`"), faults)?;
+            RawEdit::Word(word_edit(word, number))
         }
     };
     Some(Located {
         value: edit,
         span: value.span().into(),
     })
+}
+
+/// A number that an edit of this name takes: of one of its components, where it has several.
+pub(super) fn number_of(
+    word: &str,
+    given: &Value<'_>,
+    what: &str,
+    faults: &mut Faults,
+) -> Option<f64> {
+    match word {
+        "rotate" => {
+            let expected = "a number of degrees between -180 and 180";
+            let valid = |degrees: f64| degrees.abs() < 180.0;
+            faults.number_where(given, what, expected, valid)
+        }
+        "width" => {
+            let least = MAX_WIDTH.recip();
+            let expected = format!("a factor from {least} to {MAX_WIDTH}; 1 changes nothing");
+            let valid = |factor: f64| (least..=MAX_WIDTH).contains(&factor);
+            faults.number_where(given, what, &expected, valid)
+        }
+        "move_tip" | "move_root" => faults.number(given, what, "a number, of either sign"),
+        _ => faults.number(given, what, "a number of mm, of either sign"),
+    }
+}
+
+/// The edit of this name that one number describes.
+pub(super) fn word_edit(word: &str, number: f64) -> Edit {
+    match word {
+        "project" => Edit::Project(number),
+        "lengthen" => Edit::Lengthen(number),
+        "deviate" => Edit::Deviate(number),
+        "rotate" => Edit::Rotate(number),
+        _ => Edit::Width(number),
+    }
 }
 
 fn vector(value: &Value<'_>, what: &'static str, faults: &mut Faults) -> Option<RawVector> {

@@ -5,6 +5,7 @@
 
 mod candidates;
 mod settings;
+mod sweeps;
 mod views;
 
 use std::path::PathBuf;
@@ -117,6 +118,7 @@ impl RawPlan {
             "segment",
             "morph",
             "candidate",
+            "sweep",
             "outputs",
             "views",
             "mesh",
@@ -158,7 +160,11 @@ impl RawPlan {
             outputs: outputs.unwrap_or_default(),
             views: views::views(&table, outputs, faults),
             mesh: settings::mesh(&table, outputs, faults),
-            candidates: candidates::candidates(&table, faults),
+            candidates: {
+                let mut candidates = candidates::candidates(&table, faults);
+                sweeps::sweeps(&table, &mut candidates, faults);
+                candidates
+            },
         })
     }
 }

@@ -108,6 +108,7 @@ fn candidate(
         name: raw.name.clone()?,
         title: raw.title.clone(),
         stages,
+        swept: raw.swept.clone(),
     })
 }
 
