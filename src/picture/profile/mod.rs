@@ -194,17 +194,18 @@ impl ProfilePlot<'_> {
         let [x, y] = marks.foot;
         svg.line([x, y - 5.0], [x, y + 5.0], thin);
 
-        // Beyond the foot of h, where neither skin nor gamma is.
-        let h = format!("h {} mm", fixed(last.nose.height_mm, 2));
-        let (at, anchor) = if marks.tip[0] <= x {
-            ([x + 8.0, y + 4.5], Anchor::Start)
+        // Both values beyond the foot of h, where no skin is: beside the arc there is that of other stages.
+        let (x, anchor) = if marks.tip[0] <= x {
+            (x + 8.0, Anchor::Start)
         } else {
-            ([x - 8.0, y + 4.5], Anchor::End)
+            (x - 8.0, Anchor::End)
         };
-        svg.text(at, &h, style(13.0, INK, anchor));
+        let h = format!("h {} mm", fixed(last.nose.height_mm, 2));
         let gamma = format!("γ {}°", fixed(last.nose.gamma_deg, 2));
+        svg.text([x, y + 4.5], &h, style(13.0, INK, anchor));
+        svg.text([x, y + 22.5], &gamma, style(13.0, INK, anchor));
         let beside = layout::beside_arc(marks.tip, marks.p1, &marks.arc);
-        svg.text(beside, &gamma, style(13.0, INK, Anchor::Start));
+        svg.text(beside, "γ", style(13.0, INK, Anchor::Start));
         let [x, y] = marks.base[0];
         let plane = style(12.0, FAINT, Anchor::End);
         svg.text([x - 6.0, y - 8.0], "base plane", plane);
