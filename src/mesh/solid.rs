@@ -183,7 +183,8 @@ impl Kept {
         let centroid = mesh.centroid();
         let record = SolidRecord {
             bodies,
-            volume_mm3: mesh.volume(),
+            // Of no triangles the sum is -0.
+            volume_mm3: mesh.volume() + 0.0,
             thickness_mm: thickness(&mesh, skin, other),
             centroid_lps_mm: centroid.map(|centre| grid.grid_to_lps(centre)),
             least,
@@ -533,6 +534,10 @@ mod tests {
         for solid in [added, removed] {
             assert!(solid.mesh.is_empty());
             assert_eq!((solid.record.bodies, solid.record.dropped_bodies), (0, 0));
+            assert!(
+                solid.record.volume_mm3.is_sign_positive(),
+                "no -0.0 in a record"
+            );
         }
     }
 }
