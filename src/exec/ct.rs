@@ -30,7 +30,7 @@ pub enum CtError {
     Dicom(#[from] DicomError),
     /// A series is asked for of a file that has none.
     #[error(
-        "`{}` is no DICOM file or folder, so `ct.series` chooses nothing in it; remove the key, or name the folder",
+        "`{}` is no DICOM file or folder, so `ct.series` (or `--series`) chooses nothing in it; leave it out, or name the folder",
         path.display()
     )]
     NoSeries {

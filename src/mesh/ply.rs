@@ -32,7 +32,7 @@ pub fn write_ply(
     let limit = data.limit_mm;
     write!(
         to,
-        "ply\nformat binary_little_endian 1.0\ncomment rhinoplan\n\
+        "ply\nformat binary_little_endian 1.0\ncomment rhinoplan. SPACE=LPS\n\
          comment coordinates are LPS mm\n\
          comment change_mm is the distance to the preoperative surface, positive outward\n\
          comment colours are blue at -{limit:.3} mm, grey at 0, red at {limit:.3} mm\n\

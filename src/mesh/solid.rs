@@ -79,8 +79,11 @@ pub struct SolidRecord {
     pub least: Least,
     /// Bodies that were left out.
     pub dropped_bodies: usize,
-    /// Their volume, mm³.
+    /// Their volume, mm³: what triangles enclose, and so less than there is where it is thinner than `step_mm`.
     pub dropped_mm3: f64,
+    /// All that lies between the two skins, mm³, by counting samples: `volume_mm3`, what was left out, and what of
+    /// the film around the bodies is thinner than samples are apart, and so in no mesh.
+    pub between_mm3: f64,
     /// Distance between samples along x, y and z, mm: what is thinner may be missing at the rim.
     pub step_mm: [f64; 3],
     /// Triangles of the mesh.
@@ -131,8 +134,13 @@ pub fn solid<T: Sample>(
         let kept = Kept::default();
         return Ok(kept.into_solid(grid, skin, other, least, step));
     };
-    let mut kept = Kept::default();
-    for shell in between.mesh(grid)?.components() {
+    let mask = between.mask()?;
+    let step = between.step(grid);
+    let mut kept = Kept {
+        between_mm3: mask.count() as f64 * step.element_product(),
+        ..Kept::default()
+    };
+    for shell in between.mesh(&mask, grid)?.components() {
         let volume = shell.volume();
         let thickness = thickness(&shell, skin, other);
         let thick = thickness.is_none_or(|thickness| thickness.max >= least.thickness_mm);
@@ -143,7 +151,7 @@ pub fn solid<T: Sample>(
             kept.dropped_mm3 += volume;
         }
     }
-    Ok(kept.into_solid(grid, skin, other, least, between.step(grid)))
+    Ok(kept.into_solid(grid, skin, other, least, step))
 }
 
 /// Parts that a voxel is divided into along an axis.
@@ -156,6 +164,7 @@ struct Kept {
     shells: Vec<Mesh>,
     dropped_bodies: usize,
     dropped_mm3: f64,
+    between_mm3: f64,
 }
 
 impl Kept {
@@ -174,12 +183,14 @@ impl Kept {
         let centroid = mesh.centroid();
         let record = SolidRecord {
             bodies,
-            volume_mm3: mesh.volume(),
+            // Of no triangles the sum is -0.
+            volume_mm3: mesh.volume() + 0.0,
             thickness_mm: thickness(&mesh, skin, other),
             centroid_lps_mm: centroid.map(|centre| grid.grid_to_lps(centre)),
             least,
             dropped_bodies: self.dropped_bodies,
             dropped_mm3: self.dropped_mm3,
+            between_mm3: self.between_mm3,
             step_mm: step.to_array(),
             triangles: mesh.triangles().len(),
             topology: mesh.topology(),
@@ -279,16 +290,21 @@ impl Between {
         grid.spacing() / DVec3::from_array(self.parts.map(|parts| parts as f64))
     }
 
-    fn mesh(&self, grid: &Grid) -> Result<Mesh, MeshError> {
+    /// The samples between the two skins.
+    fn mask(&self) -> Result<Mask, VolumeError> {
         let fine = [0, 1, 2].map(|axis| (self.dims[axis] - 1) * self.parts[axis] + 1);
-        let mask = Mask::from_fn(fine, |x, y, z| {
+        Mask::from_fn(fine, |x, y, z| {
             let cell = [0, 1, 2].map(|axis| [x, y, z][axis] / self.parts[axis]);
             if !self.cells.contains(cell[0], cell[1], cell[2]) {
                 return false;
             }
             let [inside, outside] = self.values([x, y, z]);
             inside >= 0.0 && outside < 0.0
-        })?;
+        })
+    }
+
+    /// The bodies around the samples of a mask.
+    fn mesh(&self, mask: &Mask, grid: &Grid) -> Result<Mesh, MeshError> {
         // Where the nearer of the two skins is: the body ends at either.
         let crossing = |from: [usize; 3], to: [usize; 3]| {
             let (from, to) = (self.values(from), self.values(to));
@@ -303,7 +319,7 @@ impl Between {
             share
         };
         let first = DVec3::from_array(self.first.map(|n| n as f64)) * grid.spacing();
-        extract(&mask, self.step(grid), GridPoint(first), &crossing)
+        extract(mask, self.step(grid), GridPoint(first), &crossing)
     }
 
     /// Of the two volumes at a sample, trilinear.
@@ -459,6 +475,8 @@ mod tests {
                 (found / expected - 1.0).abs() < tolerance,
                 "{found} for {expected}"
             );
+            let between = added.record.between_mm3;
+            assert!((between / expected - 1.0).abs() < 0.01, "{between}");
             assert!(added.record.topology.is_sound(), "{:?}", added.record);
             let range = added.record.thickness_mm.unwrap();
             assert!((range.mean - thickness).abs() < 0.05, "{range:?}");
@@ -467,6 +485,7 @@ mod tests {
             assert_eq!(added.record.bodies, 1);
             assert!(removed.mesh.is_empty());
             assert_eq!((removed.record.bodies, removed.record.volume_mm3), (0, 0.0));
+            assert_eq!(removed.record.between_mm3, 0.0);
             assert_eq!(removed.record.thickness_mm, None);
         }
     }
@@ -498,8 +517,15 @@ mod tests {
         let record = added.record;
         assert_eq!((record.bodies, record.volume_mm3), (0, 0.0));
         // As far as samples fall between the two skins at all.
+        let expected = ball_volume(8.06) - ball_volume(8.0);
         assert!(record.dropped_bodies > 0 && record.dropped_mm3 > 0.0);
-        assert!(record.dropped_mm3 < ball_volume(8.06) - ball_volume(8.0));
+        assert!(record.dropped_mm3 < expected);
+        // No mesh holds it, and it is counted all the same.
+        let between = record.between_mm3;
+        assert!(
+            (between / expected - 1.0).abs() < 0.05,
+            "{between} for {expected}"
+        );
     }
 
     #[test]
@@ -508,6 +534,10 @@ mod tests {
         for solid in [added, removed] {
             assert!(solid.mesh.is_empty());
             assert_eq!((solid.record.bodies, solid.record.dropped_bodies), (0, 0));
+            assert!(
+                solid.record.volume_mm3.is_sign_positive(),
+                "no -0.0 in a record"
+            );
         }
     }
 }

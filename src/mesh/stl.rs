@@ -7,8 +7,9 @@ use glam::DVec3;
 use super::body::Mesh;
 use crate::space::{Grid, GridPoint};
 
-/// The header, padded to 80 bytes. It must not begin with `solid`, which marks the text form.
-const HEADER: &[u8] = b"rhinoplan";
+/// The header, padded to 80 bytes. It must not begin with `solid`, which marks the text form. 3D Slicer looks for
+/// `SPACE=`, and takes the frame for the one its user set where that is not there.
+const HEADER: &[u8] = b"rhinoplan. SPACE=LPS";
 const HEADER_LEN: usize = 80;
 
 /// Writes a mesh as binary STL, LPS mm, little endian: 80 bytes of header, the number of triangles, and for each its

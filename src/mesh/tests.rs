@@ -206,7 +206,7 @@ fn files_hold_what_the_formats_say() {
     let mut stl = Vec::new();
     write_stl(&mut stl, &mesh, volume.grid()).unwrap();
     assert_eq!(stl.len(), 84 + 50 * mesh.triangles().len());
-    assert!(stl.starts_with(b"rhinoplan\0"));
+    assert!(stl.starts_with(b"rhinoplan. SPACE=LPS\0"));
     let number = |at: usize| f32::from_le_bytes(stl[at..at + 4].try_into().unwrap());
     let normal = DVec3::new(number(84).into(), number(88).into(), number(92).into());
     assert!((normal.length() - 1.0).abs() < 1e-6);

@@ -2,8 +2,10 @@
 
 use std::fmt::{self, Write};
 
+use super::meshes::SolidsRecord;
 use super::record::{CandidateRecord, RunRecord, StageRecord, ThresholdSource};
 use crate::measure::REGION_NAMES;
+use crate::mesh::solid::SolidRecord;
 
 /// The tables of a run, as Markdown.
 pub fn tables(run: &RunRecord) -> String {
@@ -108,6 +110,35 @@ fn write_candidate(to: &mut String, candidate: &CandidateRecord) -> fmt::Result 
         operated,
         |stage| format!("{:.2}", stage.warp.displacement_max_outside_mm),
     )?;
+    if operated.iter().any(|stage| stage.solids.is_some()) {
+        let solid = |stage: &StageRecord, of: fn(&SolidsRecord) -> SolidRecord| {
+            stage.solids.map_or("–".to_owned(), |solids| {
+                let SolidRecord {
+                    bodies,
+                    volume_mm3,
+                    between_mm3,
+                    ..
+                } = of(&solids);
+                if bodies == 0 {
+                    format!("none ({between_mm3:.1})")
+                } else {
+                    format!("{volume_mm3:.1} ({between_mm3:.1})")
+                }
+            })
+        };
+        row(
+            to,
+            "Skin-difference solid: augmentation (with what is too thin for it) (mm³)",
+            operated,
+            |stage| solid(stage, |solids| solids.augmentation),
+        )?;
+        row(
+            to,
+            "Skin-difference solid: resection (with what is too thin for it) (mm³)",
+            operated,
+            |stage| solid(stage, |solids| solids.resection),
+        )?;
+    }
     if operated.iter().any(|stage| stage.adaptive_error.is_some()) {
         let part = |stage: &StageRecord, mm: bool, max: bool| {
             stage

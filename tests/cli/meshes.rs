@@ -73,6 +73,7 @@ fn files_and_record_agree_and_meshes_are_closed() {
     }
     assert!(!files.contains_key("preoperative/skin.ply"));
     let record = record(&desk, "all");
+    let table = String::from_utf8_lossy(&files["table.md"]);
     let stages = record["candidates"][0]["stages"].as_array().unwrap();
     let folders = ["preoperative", "both/01-move", "both/02-reduce"];
     for (stage, folder) in stages.iter().zip(folders) {
@@ -97,6 +98,15 @@ fn files_and_record_agree_and_meshes_are_closed() {
     for (stage, folder) in stages.iter().zip(folders).skip(1) {
         for kind in ["augmentation", "resection"] {
             let solid = &stage["solids"][kind];
+            let number = |of: &str| solid[of].as_f64().unwrap();
+            let (held, between) = (number("volume_mm3"), number("between_mm3"));
+            assert!(between > 0.97 * held, "{folder} {kind}: {solid}");
+            let shown = if solid["bodies"] == 0 {
+                format!("none ({between:.1})")
+            } else {
+                format!("{held:.1} ({between:.1})")
+            };
+            assert!(table.contains(&shown), "{shown} is not in: {table}");
             let file = files.get(&format!("{folder}/{kind}.stl"));
             assert_eq!(solid["bodies"] == 0, file.is_none(), "{folder} {kind}");
             if let Some(file) = file {
@@ -199,7 +209,16 @@ for k in range(4, size[2] - 4, 3):
             p = np.array(ct.TransformIndexToPhysicalPoint((i, j, k)))
             q = np.array(forward.TransformPoint(back.TransformPoint(p)))
             left = max(left, np.linalg.norm(p - q))
-print('moving', int(moving.sum()), 'share', share, 'share_moving', share_moving, 'left', left)
+# The skin's vertices, in mm of the patient, are where the volume after the stage reaches the threshold.
+stl = np.fromfile(out + '/skin.stl', offset=84, dtype=np.dtype([('n', '<f4', 3), ('at', '<f4', (3, 3)), ('_', '<u2')]))
+after = sitk.ReadImage(out + '/volume.nii.gz', sitk.sitkFloat64)
+on_skin = []
+for p in stl['at'].reshape(-1, 3)[::17].astype(float).tolist():
+    index = np.array(after.TransformPhysicalPointToContinuousIndex(p))
+    if (index > 1).all() and (index < np.array(size) - 2).all():
+        on_skin.append(abs(after.EvaluateAtPhysicalPoint(p) + 500.0) < 250.0)
+print('moving', int(moving.sum()), 'share', share, 'share_moving', share_moving, 'left', left, 'on skin', len(on_skin), np.mean(on_skin))
+assert len(on_skin) > 500 and np.mean(on_skin) > 0.95
 assert moving.sum() > 2000
 assert share >= 0.999 and share_moving >= 0.999
 assert left < 0.25

@@ -163,7 +163,9 @@ fn uneven_spacing_is_refused_with_its_gaps() {
     }
     let message = Dir::of(&files).error();
     assert!(
-        message.contains("they are 4 mm (2×), 7 mm (2×), 1.08 mm (1×) apart"),
+        message.contains(
+            "they are 4 mm (2×, first after 0 mm), 7 mm (2×, first after 9.08 mm), 1.08 mm (1×, after 8 mm) apart"
+        ),
         "{message}"
     );
     assert!(message.contains("does not resample"), "{message}");

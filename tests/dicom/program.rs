@@ -235,7 +235,8 @@ fn several_series_are_chosen_among_by_info_and_by_plans() {
     desk.write("plan.toml", text.replace("Doe^Jane", "ct.nii"));
     let ran = desk.run(&["check", "plan.toml"]).expect(3);
     assert!(
-        ran.err.contains("`ct.series` chooses nothing in it"),
+        ran.err
+            .contains("`ct.series` (or `--series`) chooses nothing in it"),
         "{ran:?}"
     );
 }

@@ -82,9 +82,9 @@ fn the_tilted_series_is_refused_with_angle_and_gaps() {
     for part in [
         "28 slices",
         "tilted by 18.5°",
-        "4 mm (13×)",
-        "7 mm (13×)",
-        "1.08 mm (1×)",
+        "4 mm (13×, first after 0 mm)",
+        "7 mm (13×, first after 53.11 mm)",
+        "1.08 mm (1×, after 52.03 mm)",
     ] {
         assert!(message.contains(part), "{part}: {message}");
     }

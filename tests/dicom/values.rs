@@ -292,6 +292,39 @@ fn every_syntax_that_this_test_can_write() {
     assert_eq!(digests.len(), 6, "the digest is of the files");
 }
 
+/// The first two planes of a stack as codestreams of High-Throughput JPEG 2000, by OpenJPH 0.26.3: their common
+/// beginning, what differs, and their common end.
+const HIGH_THROUGHPUT: [&str; 4] = [
+    "ff4fff5100294000000000060000000500000000000000000000000600000005000000000000000000018f0101ff50000800020000\
+     0009ff52000c00020001000104044001ff5c00072088888888ff64001700014f70656e4a50482056657220302e32362e332eff90\
+     000a00000000002e0001ff93c0002d40",
+    "cf9f7ef9a31fff79bfef7df7144bcc63",
+    "077f7be0dbfe7bedad677df5144bcc63",
+    "00f9b800c0002400f8951300ffd9",
+];
+
+#[test]
+fn high_throughput_jpeg_2000() {
+    let [begin, first, second, end] = HIGH_THROUGHPUT;
+    let images = [first, second].map(|middle| {
+        let digits = format!("{begin}{middle}{end}");
+        let byte = |at: usize| u8::from_str_radix(&digits[at..at + 2], 16).unwrap();
+        (0..digits.len()).step_by(2).map(byte).collect::<Vec<u8>>()
+    });
+    for uid in [
+        "1.2.840.10008.1.2.4.201",
+        "1.2.840.10008.1.2.4.202",
+        "1.2.840.10008.1.2.4.203",
+    ] {
+        let mut files = stack(2);
+        for (file, image) in files.iter_mut().zip(&images) {
+            file.fragments(uid, &[image]);
+        }
+        let scan = Dir::of(&files).read().unwrap();
+        assert_eq!(hus(&scan.volume), expected(2), "{uid}");
+    }
+}
+
 #[test]
 fn the_digest_knows_neither_names_nor_order_and_is_what_the_documentation_says() {
     let files = stack(N);

@@ -225,11 +225,13 @@ pub enum SliceProblem {
     },
     /// The pixels are packed in a way that is not read.
     #[error(
-        "is packed as {syntax}, which rhinoplan does not decode; convert it to Explicit VR Little Endian (dcmconv, dcmdjpeg or gdcmconv --raw)"
+        "is packed as {syntax}, which rhinoplan does not decode; convert it to Explicit VR Little Endian ({unpacked_by})"
     )]
     Syntax {
         /// Name and UID.
         syntax: String,
+        /// Programs that do.
+        unpacked_by: &'static str,
     },
     /// Fewer or more bytes of pixels than rows and columns make.
     #[error(

@@ -58,14 +58,27 @@ pub enum GeometryFault {
     },
     /// Steps of several lengths.
     Uneven {
-        /// Each length, mm, and how often it is stepped.
-        gaps: Vec<(f64, usize)>,
+        /// Each length, the most frequent first.
+        gaps: Vec<Gap>,
     },
     /// Slices are displaced within their planes.
     Stray {
         /// The largest displacement, mm.
         by_mm: f64,
+        /// Where, mm along the normal from the first slice.
+        at_mm: f64,
     },
+}
+
+/// Steps of one length in an uneven stack.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gap {
+    /// The length, mm, to a hundredth.
+    pub mm: f64,
+    /// How often it is stepped.
+    pub times: usize,
+    /// After where it is first, mm along the normal from the first slice.
+    pub after_mm: f64,
 }
 
 impl fmt::Display for GeometryFault {
@@ -109,14 +122,20 @@ impl fmt::Display for GeometryFault {
             Self::Uneven { gaps } => {
                 let lengths = gaps.iter().take(LISTED);
                 let lengths = lengths
-                    .map(|(mm, times)| format!("{} mm ({times}×)", shown(*mm)))
+                    .map(|gap| {
+                        let first = if gap.times > 1 { "first " } else { "" };
+                        let (mm, after) = (shown(gap.mm), shown(gap.after_mm));
+                        format!("{mm} mm ({}×, {first}after {after} mm)", gap.times)
+                    })
                     .collect();
-                write!(to, "they are {} apart", list(lengths, gaps.len()))
+                let lengths = list(lengths, gaps.len());
+                write!(to, "they are {lengths} apart, places from the first slice")
             }
-            Self::Stray { by_mm } => write!(
+            Self::Stray { by_mm, at_mm } => write!(
                 to,
-                "some are displaced within their planes, by up to {} mm",
-                shown(*by_mm)
+                "some are displaced within their planes, by up to {} mm, most at {} mm from the first",
+                shown(*by_mm),
+                shown(*at_mm)
             ),
         }
     }
@@ -237,21 +256,26 @@ fn examine(positions: &[DVec3], normal: DVec3) -> Result<DVec3, Vec<GeometryFaul
     let step = whole / (positions.len() - 1) as f64;
     let spacing = step.dot(normal);
     let tolerance = STRAY_MM.min(STRAY_PART * spacing);
+    // The furthest astray, and where.
     let strays = |direction: &dyn Fn(DVec3) -> f64| {
         positions
             .iter()
+            .zip(&along)
             .enumerate()
-            .map(|(index, p)| direction(*p - first - step * index as f64))
-            .fold(0.0, f64::max)
+            .map(|(index, (p, at))| (direction(*p - first - step * index as f64), *at))
+            .fold(
+                (0.0, 0.0),
+                |most, next| if next.0 > most.0 { next } else { most },
+            )
     };
-    let astray = strays(&|by| by.dot(normal).abs());
+    let (astray, _) = strays(&|by| by.dot(normal).abs());
     if duplicates_free(&faults) && astray > tolerance {
         faults.push(uneven(&gaps, &along));
     }
     // Beside a tilted stack that is uneven, the line through its ends is no measure of what is aside.
-    let displaced = strays(&|by| (by - normal * by.dot(normal)).length());
-    if faults.is_empty() && displaced > tolerance {
-        faults.push(GeometryFault::Stray { by_mm: displaced });
+    let (by_mm, at_mm) = strays(&|by| (by - normal * by.dot(normal)).length());
+    if faults.is_empty() && by_mm > tolerance {
+        faults.push(GeometryFault::Stray { by_mm, at_mm });
     }
     if faults.is_empty() {
         Ok(step)
@@ -289,16 +313,20 @@ fn uneven(gaps: &[f64], along: &[f64]) -> GeometryFault {
             holes,
         };
     }
-    let mut lengths: Vec<(f64, usize)> = Vec::new();
-    for gap in gaps {
-        let gap = shown(*gap);
-        match lengths.iter_mut().find(|(length, _)| *length == gap) {
-            Some((_, times)) => *times += 1,
-            None => lengths.push((gap, 1)),
+    let mut lengths: Vec<Gap> = Vec::new();
+    for (gap, &after_mm) in gaps.iter().zip(along) {
+        let mm = shown(*gap);
+        match lengths.iter_mut().find(|gap| gap.mm == mm) {
+            Some(gap) => gap.times += 1,
+            None => lengths.push(Gap {
+                mm,
+                times: 1,
+                after_mm,
+            }),
         }
     }
     // Most frequent first, then as they come along the normal.
-    lengths.sort_by_key(|(_, times)| std::cmp::Reverse(*times));
+    lengths.sort_by_key(|gap| std::cmp::Reverse(gap.times));
     GeometryFault::Uneven { gaps: lengths }
 }
 
@@ -361,13 +389,24 @@ mod tests {
         assert_eq!(
             fault(&[0.0, 1.0, 2.0, 4.0, 6.0, 8.0]),
             GeometryFault::Uneven {
-                gaps: vec![(2.0, 3), (1.0, 2)]
+                gaps: vec![
+                    Gap {
+                        mm: 2.0,
+                        times: 3,
+                        after_mm: 2.0
+                    },
+                    Gap {
+                        mm: 1.0,
+                        times: 2,
+                        after_mm: 0.0
+                    }
+                ]
             },
             "the spacing changes"
         );
         assert_eq!(
             fault(&[0.0, 1.0, 2.5, 4.0]).to_string(),
-            "they are 1.5 mm (2×), 1 mm (1×) apart"
+            "they are 1.5 mm (2×, first after 1 mm), 1 mm (1×, after 0 mm) apart, places from the first slice"
         );
     }
 
@@ -417,9 +456,10 @@ mod tests {
         let mut positions = line(&[0.0, 1.0, 2.0, 3.0]);
         positions[1].x += 0.4;
         let faults = examine(&positions, DVec3::Z).unwrap_err();
-        let [GeometryFault::Stray { by_mm }] = faults[..] else {
+        let [GeometryFault::Stray { by_mm, at_mm }] = faults[..] else {
             panic!("{faults:?}");
         };
+        assert_eq!(at_mm, 1.0);
         assert!((by_mm - 0.4).abs() < 1e-9, "{by_mm}");
     }
 }

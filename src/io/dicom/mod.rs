@@ -35,6 +35,6 @@ mod syntax;
 
 pub use error::{DicomError, DicomProblem, SliceProblem};
 pub use folder::{Folder, OtherFiles, SeriesLine, SeriesState, is_dicom};
-pub use geometry::GeometryFault;
+pub use geometry::{Gap, GeometryFault};
 pub use series::{PADDING_HU, Scan, Series};
 pub use slice::Skip;

@@ -332,8 +332,10 @@ fn format(data_set: &DataSet<'_>) -> Result<Format, SliceProblem> {
 fn check_pixels(data_set: &DataSet<'_>, format: Format, len: u64) -> Result<(), SliceProblem> {
     let expected = format.plane_bytes();
     if data_set.syntax.packing == Packing::Unknown {
-        let syntax = data_set.syntax.to_string();
-        return Err(SliceProblem::Syntax { syntax });
+        return Err(SliceProblem::Syntax {
+            syntax: data_set.syntax.to_string(),
+            unpacked_by: data_set.syntax.unpacked_by(),
+        });
     }
     let plausible = len.saturating_mul(LARGEST_RATIO) >= expected && expected <= MAX_FILE_BYTES;
     match (data_set.pixels, data_set.syntax.packing) {

@@ -17,7 +17,7 @@ pub(super) enum Packing {
     Rle,
     /// JPEG, of 8 bits where lossy, up to 16 where lossless.
     Jpeg,
-    /// JPEG 2000.
+    /// JPEG 2000, of either kind of block coding.
     Jpeg2000,
     /// In a way that nothing here decodes.
     Unknown,
@@ -129,19 +129,19 @@ const KNOWN: [(&str, &str, Packing, bool); 28] = [
     (
         ".4.201",
         "High-Throughput JPEG 2000 (Lossless Only)",
-        Packing::Unknown,
+        Packing::Jpeg2000,
         false,
     ),
     (
         ".4.202",
         "High-Throughput JPEG 2000 with RPCL (Lossless Only)",
-        Packing::Unknown,
+        Packing::Jpeg2000,
         false,
     ),
     (
         ".4.203",
         "High-Throughput JPEG 2000",
-        Packing::Unknown,
+        Packing::Jpeg2000,
         false,
     ),
     (".8.1", "Deflated Image Frame", Packing::Unknown, false),
@@ -166,6 +166,19 @@ impl Syntax {
 
     pub(super) fn uid(&self) -> &str {
         &self.uid
+    }
+
+    /// The program that unpacks what nothing here does. DCMTK has one for each family.
+    pub(super) fn unpacked_by(&self) -> &'static str {
+        if self.name.starts_with("JPEG-LS") {
+            "dcmdjpls or gdcmconv --raw"
+        } else if self.name.starts_with("JPEG XL") || self.name == "unknown" {
+            "by the program that wrote it"
+        } else if self.name.starts_with("JPEG 2000") {
+            "gdcmconv --raw"
+        } else {
+            "dcmdjpeg or gdcmconv --raw"
+        }
     }
 
     /// How elements are written: of every syntax that is not known here, explicit and little endian, as the
