@@ -1,7 +1,9 @@
 //! What must be true of every file of landmarks that was read.
 
 use rhinoplan::feature::Landmark;
-use rhinoplan::io::landmarks::{CoordinateSystem, LandmarkFile};
+use rhinoplan::io::landmarks::{CoordinateSystem, LandmarkFile, parse};
+
+use crate::noise::{Outcome, assert_clear};
 
 /// A sound file's points: inside the program's head, LPS mm.
 pub const AT: [[f64; 3]; 6] = [
@@ -48,7 +50,7 @@ pub const WORDS: [&str; 30] = [
 ];
 
 #[track_caller]
-pub fn assert_plausible(file: &LandmarkFile) {
+fn assert_plausible(file: &LandmarkFile) {
     assert_eq!(file.sha256.len(), 64);
     let lps = file.lps();
     for landmark in Landmark::ALL {
@@ -59,5 +61,27 @@ pub fn assert_plausible(file: &LandmarkFile) {
             CoordinateSystem::Ras => [-at[0], -at[1], at[2]],
         };
         assert_eq!(lps.get(landmark).0.to_array(), turned);
+    }
+}
+
+/// What [`parse`] says of a file: read and plausible, `assert_found` in its text; or refused, clearly and because
+/// it was changed.
+pub fn judged(
+    bytes: &[u8],
+    is_changed: bool,
+    index: usize,
+    assert_found: impl Fn(&str, &LandmarkFile),
+) -> Outcome {
+    match parse(bytes) {
+        Ok(file) => {
+            assert_plausible(&file);
+            assert_found(std::str::from_utf8(bytes).unwrap(), &file);
+            Outcome::Read
+        }
+        Err(problem) => {
+            assert!(is_changed, "case {index} is sound: {problem}");
+            assert_clear(&problem.to_string());
+            Outcome::Refused
+        }
     }
 }

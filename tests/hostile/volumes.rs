@@ -1,8 +1,11 @@
 //! What must be true of every volume that was read, whatever the file.
 
+use rhinoplan::io::nifti::Scan;
 use rhinoplan::space::{ContinuousIndex, Grid};
 use rhinoplan::volume::AnyVolume;
 use rhinoplan::with_volume;
+
+use crate::noise::assert_clear;
 
 /// A grid that lines, boxes and measurements can be computed on, and samples that are Hounsfield units.
 #[track_caller]
@@ -13,6 +16,36 @@ pub fn assert_plausible(volume: &AnyVolume) {
     let (low, high) = volume.hu_range();
     let is_f32 = |hu: f64| (hu as f32).is_finite();
     assert!(is_f32(low) && is_f32(high) && low <= high, "{low} {high}");
+}
+
+/// What `read_header` and `read` say of one file must agree. The volume, where it was read; nothing where it was
+/// refused, clearly and because it was changed.
+#[track_caller]
+pub fn agreed<H, E: std::fmt::Display>(
+    (header, scan): (Result<H, E>, Result<Scan, E>),
+    grid: impl Fn(&H) -> &Grid,
+    is_changed: bool,
+    index: usize,
+) -> Option<Scan> {
+    let error = match (header, scan) {
+        (Ok(header), Ok(scan)) => {
+            assert_eq!(grid(&header), scan.volume.grid());
+            assert_plausible(&scan.volume);
+            return Some(scan);
+        }
+        (Ok(header), Err(error)) => {
+            assert_grid(grid(&header));
+            error
+        }
+        (Err(header), Err(error)) => {
+            assert_eq!(header.to_string(), error.to_string());
+            error
+        }
+        (Err(header), Ok(_)) => panic!("case {index} is read, but for `check`: {header}"),
+    };
+    assert!(is_changed, "case {index} is sound: {error}");
+    assert_clear(&error.to_string());
+    None
 }
 
 #[track_caller]
