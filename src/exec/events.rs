@@ -42,6 +42,8 @@ pub enum Phase {
     Meshes,
     /// The inverse displacement, computed and written.
     Inverse,
+    /// Finding the skins of candidates, and how far they are apart.
+    Skins,
     /// Writing records and tables, and putting every file in place.
     Publish,
 }
@@ -68,6 +70,7 @@ impl Phase {
             Self::Charts => "drawing charts",
             Self::Meshes => "making meshes",
             Self::Inverse => "inverting the displacement field",
+            Self::Skins => "comparing skins",
             Self::Publish => "writing tables",
         }
     }

@@ -3,6 +3,7 @@
 //! Decoding needs no CT. What is absent or wrong is `None` here, and its fault is noted; defaults and
 //! frames are the next step's.
 
+mod accept;
 mod candidates;
 mod settings;
 mod views;
@@ -15,6 +16,7 @@ use super::decode::{Faults, Table, Value, describe, quote, small_integer};
 use super::diagnostic::{Code, Fault};
 use super::resolved::{Enhance, MeshSettings, Morph, Outputs, Phantom, Segment, Views};
 use super::source::{Located, Span};
+use crate::compare::Accept;
 use crate::feature::{FeatureKind, Landmark, Landmarks};
 
 pub(super) use candidates::{MAX_WIDTH, RawCandidate, RawEdit, RawStage, RawVector};
@@ -47,6 +49,7 @@ pub(super) struct RawPlan {
     pub outputs: Outputs,
     pub views: Option<Views>,
     pub mesh: Option<MeshSettings>,
+    pub accept: Option<Accept>,
 }
 
 /// Where the voxels come from, paths as written.
@@ -120,6 +123,7 @@ impl RawPlan {
             "outputs",
             "views",
             "mesh",
+            "accept",
         ];
         // A missing key has no place; the first key of the file stands for the file.
         let first = document
@@ -158,6 +162,7 @@ impl RawPlan {
             outputs: outputs.unwrap_or_default(),
             views: views::views(&table, outputs, faults),
             mesh: settings::mesh(&table, outputs, faults),
+            accept: accept::accept(&table, faults),
             candidates: candidates::candidates(&table, faults),
         })
     }
