@@ -49,8 +49,7 @@ impl Change {
     }
 }
 
-/// How far the skins of two candidates are apart after their last stages, where either differs from the skin
-/// before the first ([`crate::surface::skin_difference`] says how).
+/// How far the skins of two candidates are apart after their last stages, where either moved ([`crate::surface::skin_difference`] says how).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SurfaceDifference {

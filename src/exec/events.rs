@@ -32,6 +32,8 @@ pub enum Phase {
     Surface,
     /// Rendering views, and writing them (row 4).
     Views,
+    /// A row of the contact sheet.
+    Sheet,
     /// Drawing and writing slices.
     Slices,
     /// Finding the profile of the skin in the midplane.
@@ -65,6 +67,7 @@ impl Phase {
             Self::WriteDisplacement => "writing the displacement field",
             Self::Surface => "finding the surface",
             Self::Views => "drawing views",
+            Self::Sheet => "filling the contact sheet",
             Self::Slices => "drawing slices",
             Self::Profile => "finding the profile",
             Self::Charts => "drawing charts",

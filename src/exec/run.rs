@@ -241,6 +241,10 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
                 (Phase::WriteDisplacement, outputs.displacement),
                 (Phase::Surface, outputs.views),
                 (Phase::Views, outputs.views),
+                (
+                    Phase::Sheet,
+                    outputs.views && surfaces::is_last(plan, place),
+                ),
                 (Phase::Slices, outputs.slices),
                 (Phase::Profile, outputs.charts),
                 (Phase::Meshes, outputs.mesh || outputs.solids),

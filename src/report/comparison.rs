@@ -233,7 +233,7 @@ fn write_differences(to: &mut String, comparison: &ComparisonRecord) -> fmt::Res
     writeln!(
         to,
         "\n## Distance between skins\n\nBetween the skins of two candidates after their last stages, where at least one \
-         of them differs from the skin before; what six views from outside see of the nose and its margin.\n"
+         of them moved by more than 0.1 mm; what six views from outside see of the nose and its margin.\n"
     )?;
     writeln!(
         to,

@@ -11,6 +11,10 @@ use crate::volume::Mask;
 /// How far another skin is looked for, mm.
 const REACH_MM: f64 = 60.0;
 
+/// Skin that moved by no more than this is as it was, mm: a quarter of the paper's voxel. The map fades out, and
+/// without such an end micrometres at the rim would make up most of the area.
+pub const MOVED_MM: f64 = 0.1;
+
 /// From where skin is looked at, towards the viewer in the grid's axes: the six views of clinical photography
 /// (from the front, from either side, from between them, and from 60° below).
 const VIEWS: [DVec3; 6] = [
@@ -29,6 +33,8 @@ pub struct SeenSkin {
     surface: SemiBoundary,
     /// For each boundary voxel, whether it lies in the region that is compared and is seen from outside.
     seen: Vec<bool>,
+    /// Whether it is more than [`MOVED_MM`] from the skin before.
+    moved: Vec<bool>,
 }
 
 /// The distance between two skins.
@@ -46,8 +52,26 @@ pub struct SkinDifference {
 
 impl SeenSkin {
     /// The skin `surface` of the object `mask`, of which the voxels in `region` are compared that at least one of
-    /// six views from outside sees: the walls of the airways are no skin that a surgeon looks at.
-    pub fn new(surface: SemiBoundary, mask: &Mask, region: Region) -> Self {
+    /// six views from outside sees: the walls of the airways are no skin that a surgeon looks at. `before` is the
+    /// skin that it was made of, on the same grid.
+    pub fn new(surface: SemiBoundary, mask: &Mask, region: Region, before: &SemiBoundary) -> Self {
+        let seen = Self::seen(&surface, mask, region);
+        let mut skin = Self {
+            moved: vec![true; surface.len()],
+            surface,
+            seen,
+        };
+        let moved = skin.distances(before);
+        skin.moved.fill(false);
+        for (place, mm, _) in moved {
+            if let Some(moved) = skin.moved.get_mut(place) {
+                *moved = mm > MOVED_MM;
+            }
+        }
+        skin
+    }
+
+    fn seen(surface: &SemiBoundary, mask: &Mask, region: Region) -> Vec<bool> {
         let [_, ny, nz] = surface.grid().dims();
         let inside = |at: [usize; 3]| {
             (0..3).all(|axis| region.first[axis] <= at[axis] && at[axis] <= region.last[axis])
@@ -58,36 +82,36 @@ impl SeenSkin {
             let seen = voxels.map(|&voxel| {
                 inside([voxel.x(), y, z])
                     && !voxel.code().is_cut()
-                    && is_seen(&surface, voxel, [y, z], mask)
+                    && is_seen(surface, voxel, [y, z], mask)
             });
             seen.collect::<Vec<bool>>()
         });
-        let seen = rows.collect::<Vec<_>>().concat();
-        Self { surface, seen }
+        rows.collect::<Vec<_>>().concat()
     }
 
-    /// Of every voxel that is compared the distance to `to`, mm, with its area, mm².
-    fn distances(&self, to: &SemiBoundary, before: &SemiBoundary) -> Vec<(f64, f64)> {
+    /// Of every voxel that is compared its place, the distance to `to`, mm, and its area, mm²; all that moved, or
+    /// are not where `to` is.
+    fn distances(&self, to: &SemiBoundary) -> Vec<(usize, f64, f64)> {
         let [_, ny, nz] = self.surface.grid().dims();
         let spacing = self.surface.grid().spacing();
         let distance = SurfaceDistance::new(to, REACH_MM);
         let rows = (0..ny * nz).into_par_iter().map(|row| {
             let (y, z) = (row % ny, row / ny);
-            let (here, there) = (before.row(y, z), to.row(y, z));
-            let seen = self.seen.get(self.surface.row_range(y, z));
-            let voxels = self.surface.row(y, z).iter().zip(seen.unwrap_or_default());
-            let compared = voxels.filter(|(_, seen)| **seen).filter_map(|(&voxel, _)| {
-                let twin = at(there, voxel.x());
-                let as_before = at(here, voxel.x()) == Some(voxel);
-                let mm = match (as_before, twin == Some(voxel)) {
-                    (true, true) => return None,
-                    (false, true) => 0.0,
-                    (_, false) => {
-                        let point = self.surface.surface_point(voxel, y, z);
-                        distance.facing(point, voxel.normal().as_dvec3())?.abs()
-                    }
+            let there = to.row(y, z);
+            let places = self.surface.row_range(y, z);
+            let voxels = places.zip(self.surface.row(y, z));
+            let compared = voxels.filter_map(|(place, &voxel)| {
+                if !*self.seen.get(place)? {
+                    return None;
+                }
+                let mm = if at(there, voxel.x()) == Some(voxel) {
+                    0.0
+                } else {
+                    let point = self.surface.surface_point(voxel, y, z);
+                    distance.facing(point, voxel.normal().as_dvec3())?.abs()
                 };
-                Some((mm, area(voxel, spacing)))
+                let counts = *self.moved.get(place)? || mm > MOVED_MM;
+                counts.then(|| (place, mm, area(voxel, spacing)))
             });
             compared.collect::<Vec<_>>()
         });
@@ -95,15 +119,18 @@ impl SeenSkin {
     }
 }
 
-/// How far two skins are apart where at least one of them differs from the skin `before`, in both directions.
-/// All three are of one grid.
+/// How far two skins of one grid are apart where at least one of them moved by more than [`MOVED_MM`], in both
+/// directions.
 ///
 /// The distance of a point of one skin is that to the nearest point of the other that faces the same way, so
 /// that neither the far side of a thin wall nor an airway behind it is taken for the skin. Where both
 /// skins are as before nothing is compared: no mean is made small by a face that does not change.
-pub fn skin_difference(one: &SeenSkin, other: &SeenSkin, before: &SemiBoundary) -> SkinDifference {
-    let mut all = one.distances(&other.surface, before);
-    all.extend(other.distances(&one.surface, before));
+pub fn skin_difference(one: &SeenSkin, other: &SeenSkin) -> SkinDifference {
+    let mut all: Vec<(f64, f64)> = Vec::new();
+    for (from, to) in [(one, other), (other, one)] {
+        let distances = from.distances(&to.surface).into_iter();
+        all.extend(distances.map(|(_, mm, area)| (mm, area)));
+    }
     // Stable: what is equally far apart stays in the order of the voxels, for any number of threads.
     all.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let total: f64 = all.iter().map(|(_, area)| area).sum();
@@ -174,7 +201,7 @@ mod tests {
     const SPACING: [f64; 3] = [0.5, 0.8, 1.1];
 
     /// A volume whose HU fall evenly through 0 at the surface `depth(point) = 0`, positive inside, mm.
-    fn skin(depth: impl Fn(DVec3) -> f64) -> SeenSkin {
+    fn skin(depth: impl Fn(DVec3) -> f64) -> (SemiBoundary, Mask) {
         let grid = Grid::axis_aligned(DIMS, SPACING).unwrap();
         let [nx, ny, nz] = DIMS;
         let samples = Array3::from_shape_fn((nz, ny, nx), |(z, y, x)| {
@@ -183,20 +210,32 @@ mod tests {
         });
         let volume = Volume::new(grid.clone(), Rescale::NONE, samples).unwrap();
         let mask = segment(&volume, 0.0, true).unwrap();
-        let whole = Region::whole(&grid);
-        let surface = semi_boundary(&volume, &mask, 0.0, whole).unwrap();
-        SeenSkin::new(surface, &mask, whole)
+        let surface = semi_boundary(&volume, &mask, 0.0, Region::whole(&grid)).unwrap();
+        (surface, mask)
+    }
+
+    fn seen((surface, mask): &(SemiBoundary, Mask), before: &(SemiBoundary, Mask)) -> SeenSkin {
+        let whole = Region::whole(surface.grid());
+        SeenSkin::new(surface.clone(), mask, whole, &before.0)
+    }
+
+    fn difference(
+        one: &(SemiBoundary, Mask),
+        other: &(SemiBoundary, Mask),
+        before: &(SemiBoundary, Mask),
+    ) -> SkinDifference {
+        skin_difference(&seen(one, before), &seen(other, before))
     }
 
     /// A face across y, at `y` mm.
-    fn face(y: f64) -> SeenSkin {
+    fn face(y: f64) -> (SemiBoundary, Mask) {
         skin(|point| point.y - y)
     }
 
     #[test]
     fn two_faces_are_apart_by_what_lies_between_them() {
         let [before, one, other] = [20.0, 17.3, 15.1].map(face);
-        let found = skin_difference(&one, &other, &before.surface);
+        let found = difference(&one, &other, &before);
         for mm in [found.mean_mm, found.p95_mm, found.max_mm] {
             assert!((mm - 2.2).abs() < 0.02, "{found:?}");
         }
@@ -204,7 +243,7 @@ mod tests {
         let whole = 48.0 * 0.5 * 30.0 * 1.1;
         let ratio = found.area_mm2 / whole;
         assert!(ratio > 0.85 && ratio < 1.02, "{ratio}");
-        assert_eq!(found, skin_difference(&other, &one, &before.surface));
+        assert_eq!(found, difference(&other, &one, &before));
     }
 
     #[test]
@@ -217,16 +256,16 @@ mod tests {
             })
         };
         let (same, low, high) = (face(20.0), bump(2.0), bump(5.0));
-        let nothing = skin_difference(&same, &before, &before.surface);
+        let nothing = difference(&same, &before, &before);
         assert_eq!((nothing.mean_mm, nothing.area_mm2), (0.0, 0.0));
-        let found = skin_difference(&low, &high, &before.surface);
+        let found = difference(&low, &high, &before);
         assert!(found.max_mm > 1.8 && found.max_mm <= 3.0, "{found:?}");
         assert!(found.mean_mm > 0.4 && found.mean_mm < 1.6, "{found:?}");
         assert!(found.mean_mm < found.p95_mm && found.p95_mm < found.max_mm);
         // A cone of 6 mm: the rest of the face does not count.
         assert!(found.area_mm2 < 200.0, "{found:?}");
         // Two that moved alike differ from the start and not from each other.
-        let alike = skin_difference(&bump(5.0), &high, &before.surface);
+        let alike = difference(&bump(5.0), &high, &before);
         assert_eq!((alike.max_mm, alike.mean_mm), (0.0, 0.0));
         assert!(alike.area_mm2 > 50.0);
     }
@@ -242,10 +281,10 @@ mod tests {
             let middle = DVec3::from(SPACING) * DVec3::new(23.5, 19.5, 14.5);
             let plane = |shift: f64| skin(move |point| -normal.dot(point - middle) - shift);
             let (one, other) = (plane(0.0), plane(0.4));
-            let within = |skin: &SeenSkin| -> f64 {
+            let within = |skin: &(SemiBoundary, Mask)| -> f64 {
                 let spacing = DVec3::from(SPACING);
-                let near = skin.surface.iter().filter(|(_, voxel, y, z)| {
-                    let point = skin.surface.surface_point(*voxel, *y, *z).0;
+                let near = skin.0.iter().filter(|(_, voxel, y, z)| {
+                    let point = skin.0.surface_point(*voxel, *y, *z).0;
                     (point - middle).length() < 6.0
                 });
                 near.map(|(_, voxel, _, _)| area(voxel, spacing)).sum()
@@ -256,7 +295,7 @@ mod tests {
                 "{normal}: {}",
                 within(&one)
             );
-            let found = skin_difference(&one, &other, &face(1.0).surface);
+            let found = difference(&one, &other, &face(1.0));
             assert!((found.mean_mm - 0.4).abs() < 0.05, "{normal}: {found:?}");
         }
     }
@@ -279,8 +318,8 @@ mod tests {
                 .filter(|(place, ..)| skin.seen[*place])
                 .count()
         };
-        assert!(open(&one) < one.surface.len() * 2 / 3);
-        let found = skin_difference(&one, &other, &before.surface);
+        assert!(open(&seen(&one, &before)) < one.0.len() * 2 / 3);
+        let found = difference(&one, &other, &before);
         assert!((found.mean_mm - 3.0).abs() < 0.1, "{found:?}");
     }
 }

@@ -12,7 +12,7 @@ mod normal;
 
 pub use boundary::{BoundaryVoxel, NeighbourCode, SemiBoundary, SurfaceError};
 pub use build::{Region, semi_boundary};
-pub use difference::{SeenSkin, SkinDifference, skin_difference};
+pub use difference::{MOVED_MM, SeenSkin, SkinDifference, skin_difference};
 pub use distance::{SurfaceDistance, signed_distances};
 pub use facing::{NearestFacing, nearest_facing};
 pub use normal::PackedNormal;

@@ -293,6 +293,11 @@ fn what_is_no_finished_run_is_refused() {
     );
     desk.write("bad/run.json", deep);
     refused(&desk, &["bad", "out/good"], 3, "EOF");
+    let long = format!("{{\"format\": \"{}\"}}", "x".repeat(1 << 20));
+    desk.write("bad/run.json", long);
+    refused(&desk, &["bad", "out/good"], 3, "invalid type: string");
+    let ran = desk.run(&["compare", "bad", "out/good"]).expect(3);
+    assert!(ran.err.len() < 1000, "{} bytes", ran.err.len());
     let large = fs::File::create(desk.path().join("bad/run.json")).unwrap();
     large
         .set_len(rhinoplan::exec::comparison::MAX_RECORD_BYTES + 1)

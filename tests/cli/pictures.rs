@@ -47,6 +47,7 @@ fn promised() -> BTreeSet<String> {
     for stage in STAGES {
         files.extend(SLICES.map(|plane| format!("{stage}/slice-{plane}.png")));
     }
+    files.insert("contact-sheet.png".to_owned());
     let charts = ["profile.svg", "profile.png", "volumes.svg", "volumes.png"];
     for chart in charts {
         files.insert(chart.to_owned());

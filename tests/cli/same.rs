@@ -33,7 +33,7 @@ fn any_number_of_threads_draws_the_same_pictures() {
         desk.write("plan.toml", picture_plan("good", "ct.nii.gz") + more);
         let of_stage = 3 * VIEWS.len() + 4;
         let charts = 4 * 3;
-        assert_same_with_any_threads(&desk, 7 + VIEWS.len() + 3 * of_stage + charts);
+        assert_same_with_any_threads(&desk, 8 + VIEWS.len() + 3 * of_stage + charts);
     }
 }
 

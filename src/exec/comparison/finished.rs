@@ -16,16 +16,19 @@ use crate::morph::audit::WarpAudit;
 use crate::report::comparison::{ComparedCandidate, ComparedRun, ComparisonRecord, FORMAT};
 use crate::report::record::{self, Measures, PREOPERATIVE, Program, named_measures};
 use crate::space::GridPoint;
+use crate::text::shown;
 
 /// The record of a run in its folder.
 pub(super) const RECORD: &str = "run.json";
 
-/// The largest `run.json` that is read, bytes: the largest plan there can be (some five thousand stages, at three
+/// The largest `run.json` that is read, bytes: the largest plan there can be (some nine thousand stages, at four
 /// thousand bytes each) leaves less.
 pub const MAX_RECORD_BYTES: u64 = 64 << 20;
 
 /// The longest name, as in a plan.
 const MAX_NAME: usize = 64;
+/// The longest message of what is wrong with a record, characters.
+const MAX_PROBLEM: usize = 300;
 /// The longest free text, characters: a title of a plan.
 const MAX_TEXT: usize = 200;
 
@@ -200,7 +203,8 @@ impl FinishedRun {
                 "it is larger than {MAX_RECORD_BYTES} bytes"
             )));
         }
-        Self::parse(&bytes).map_err(no_record)
+        // What is wrong may repeat what is there, which may be long.
+        Self::parse(&bytes).map_err(|problem| no_record(shown(&problem, MAX_PROBLEM)))
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, String> {

@@ -83,7 +83,7 @@ impl Skins {
         volume: &Volume<T>,
     ) -> Result<(), RunError> {
         let (surface, mask) = self.finder.surface(volume)?;
-        let skin = SeenSkin::new(surface, &mask, self.finder.compared);
+        let skin = SeenSkin::new(surface, &mask, self.finder.compared, &self.before);
         self.after.push((candidate.to_owned(), skin));
         Ok(())
     }
@@ -93,7 +93,7 @@ impl Skins {
         let mut differences = Vec::new();
         for (place, (one, skin)) in self.after.iter().enumerate() {
             for (other, other_skin) in self.after.iter().skip(place + 1) {
-                let found = skin_difference(skin, other_skin, &self.before);
+                let found = skin_difference(skin, other_skin);
                 differences.push(SurfaceDifference {
                     candidates: [one.clone(), other.clone()],
                     mean_mm: found.mean_mm,
