@@ -4,6 +4,7 @@
 //! Transactions on Information Technology in Biomedicine 5(4), 2001).
 
 pub mod cli;
+pub mod compare;
 pub mod exec;
 pub mod feature;
 pub mod io;

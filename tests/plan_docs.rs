@@ -68,7 +68,7 @@ fn every_key_is_explained() {
                 enhance.x = 1\nenhance.smooth.x = 1\nsegment.x = 1\nmorph.x = 1\noutputs.x = 1\n\
                 views.x = 1\nviews.opacity.x = 1\nviews.crop.x = 1\nviews.clip.x = 1\n\
                 [[views.camera]]\nx = 1\n\
-                [mesh]\nx = 1\n\
+                [mesh]\nx = 1\n[accept]\nx = 1\ngamma.x = 1\n\
                 [[candidate]]\nx = 1\n[[candidate.stage]]\nx = 1\nf1 = [{ x = 1 }]\n";
     let file = PlanFile::from_text("p", Path::new("."), text);
     let faults = file.faults();

@@ -47,6 +47,11 @@ pub(super) enum Command {
         /// Check everything and list the steps, but compute nothing.
         #[arg(long)]
         dry_run: bool,
+
+        /// End with exit code 4 where any candidate does not keep the limits of its plan ([accept]); without
+        /// this, only where none of a plan does.
+        #[arg(long)]
+        strict: bool,
     },
     /// Check plans and the headers of their CTs, without computing.
     #[command(after_help = EXIT_CODES)]
@@ -54,6 +59,17 @@ pub(super) enum Command {
         /// Plan files.
         #[arg(required = true, value_name = "PLAN")]
         plans: Vec<PathBuf>,
+    },
+    /// Compare the candidates of finished runs: compare.csv, compare.json, compare.md.
+    #[command(after_help = EXIT_CODES)]
+    Compare {
+        /// Folders of finished plans, as `out/<plan>`.
+        #[arg(required = true, value_name = "DIR")]
+        folders: Vec<PathBuf>,
+
+        /// The folder to write into.
+        #[arg(long, value_name = "DIR", default_value = "compare")]
+        out: PathBuf,
     },
     /// Show grid, orientation, spacing and HU range of a volume; list the series of a folder.
     #[command(after_help = EXIT_CODES)]
@@ -96,7 +112,8 @@ const EXIT_CODES: &str = "\
 Exit codes:
   0   done
   2   the command line, a plan or its landmarks are wrong, or the outputs cannot be written
-  3   the CT cannot be used
+  3   the CT, or a finished run that is to be compared, cannot be used
+  4   no candidate keeps the limits of its plan; with --strict, one does not
   70  a bug of this program";
 
 /// The name of a file to write, whose ending tells whether it is compressed.

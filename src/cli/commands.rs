@@ -20,7 +20,7 @@ use crate::space::Grid;
 use crate::with_volume;
 
 /// `run`: each plan in turn. A plan that fails does not stop the next; the worst exit code is kept.
-pub(super) fn run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
+pub(super) fn run(plans: &[PathBuf], out: &Path, strict: bool, output: &Output) -> ExitCode {
     let ready = match prepare_into(plans, out) {
         Ok(ready) => ready,
         Err(refusal) => return refuse(&refusal, output),
@@ -34,6 +34,9 @@ pub(super) fn run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
             Ok(report) => {
                 output.result(&summary(&report));
                 output.push("runs", &report);
+                if !report.record.is_accepted(strict) {
+                    code = code.worse(ExitCode::NotAccepted);
+                }
             }
             Err(error) => {
                 output.error(&format!("{}: {error}", plan.file));
@@ -112,6 +115,29 @@ pub(super) fn check(plans: &[PathBuf], output: &Output) -> ExitCode {
             }),
         );
     }
+    ExitCode::Done
+}
+
+/// `compare`: the candidates of finished runs.
+pub(super) fn compare(folders: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
+    let report = match exec::compare(folders, out) {
+        Ok(report) => report,
+        Err(error) => {
+            output.error(&error.to_string());
+            return error.exit_code();
+        }
+    };
+    for warning in &report.comparison.warnings {
+        output.warning(warning);
+    }
+    let candidates = count(report.comparison.candidates.len(), "candidate");
+    let runs = count(report.comparison.runs.len(), "run");
+    let mut text = format!("{} ({candidates} of {runs})", out.display());
+    for file in &report.files {
+        text.push_str(&format!("\n  {}", file.display()));
+    }
+    output.result(&text);
+    output.set("comparison", &report);
     ExitCode::Done
 }
 
@@ -269,6 +295,18 @@ fn summary(report: &RunReport) -> String {
             before.volume_total_mm3,
             after.volume_total_mm3,
         ));
+        let Some(verdict) = &candidate.accept else {
+            continue;
+        };
+        if verdict.accepted {
+            text.push_str("; accepted");
+        } else {
+            text.push_str("; not accepted:");
+        }
+        for failed in verdict.failures() {
+            let (what, found, allowed) = (failed.what(), failed.shown(), failed.allowed());
+            text.push_str(&format!("\n    {what} is {found}; allowed: {allowed}"));
+        }
     }
     if !report.removed.is_empty() {
         text.push_str(&format!(

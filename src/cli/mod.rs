@@ -67,8 +67,12 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
             plans,
             out,
             dry_run,
+            ..
         } if *dry_run => commands::dry_run(plans, out, output),
-        Command::Run { plans, out, .. } => commands::run(plans, out, output),
+        Command::Run {
+            plans, out, strict, ..
+        } => commands::run(plans, out, *strict, output),
+        Command::Compare { folders, out } => commands::compare(folders, out, output),
         Command::Check { plans } => commands::check(plans, output),
         Command::Info { ct, series } => commands::info(ct, series.as_deref(), output),
         Command::Landmarks { file, ct, series } => {

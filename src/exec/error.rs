@@ -26,19 +26,22 @@ pub enum ExitCode {
     Usage = 2,
     /// The CT, or what is in it, cannot be used.
     Input = 3,
+    /// No candidate keeps the limits of its plan, or with `--strict` not every one.
+    NotAccepted = 4,
     /// A bug of this program.
     Bug = 70,
 }
 
 impl ExitCode {
     /// The one that a process ends with that came to both: a bug outweighs the command line and the plans,
-    /// which outweigh the CTs.
+    /// which outweigh the CTs, which outweigh limits.
     pub fn worse(self, other: Self) -> Self {
         let rank = |code| match code {
             Self::Done => 0,
-            Self::Input => 1,
-            Self::Usage => 2,
-            Self::Bug => 3,
+            Self::NotAccepted => 1,
+            Self::Input => 2,
+            Self::Usage => 3,
+            Self::Bug => 4,
         };
         if rank(other) > rank(self) {
             other

@@ -32,6 +32,8 @@ pub enum Phase {
     Surface,
     /// Rendering views, and writing them (row 4).
     Views,
+    /// A row of the contact sheet.
+    Sheet,
     /// Drawing and writing slices.
     Slices,
     /// Finding the profile of the skin in the midplane.
@@ -42,6 +44,8 @@ pub enum Phase {
     Meshes,
     /// The inverse displacement, computed and written.
     Inverse,
+    /// Finding the skins of candidates, and how far they are apart.
+    Skins,
     /// Writing records and tables, and putting every file in place.
     Publish,
 }
@@ -63,11 +67,13 @@ impl Phase {
             Self::WriteDisplacement => "writing the displacement field",
             Self::Surface => "finding the surface",
             Self::Views => "drawing views",
+            Self::Sheet => "filling the contact sheet",
             Self::Slices => "drawing slices",
             Self::Profile => "finding the profile",
             Self::Charts => "drawing charts",
             Self::Meshes => "making meshes",
             Self::Inverse => "inverting the displacement field",
+            Self::Skins => "comparing skins",
             Self::Publish => "writing tables",
         }
     }

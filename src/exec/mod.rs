@@ -3,6 +3,7 @@
 //! [`preflight`] turns plan files into [`Ready`] plans or every reason why not. [`run()`] computes one of
 //! them and tells an [`Observer`] how it goes. Neither knows a terminal.
 
+pub mod comparison;
 pub mod ct;
 pub mod error;
 pub mod events;
@@ -19,6 +20,7 @@ pub mod skin_landmarks;
 mod surfaces;
 mod timings;
 
+pub use comparison::{CompareError, CompareReport, compare};
 pub use error::{ExitCode, RunError};
 pub use events::{Event, Observer, Phase, Place};
 pub use preflight::{Ready, Refusal, check_folders, prepare};

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Serialize, Serializer};
 
+use super::comparison::{self, Skins};
 use super::ct::{self, Ct};
 use super::error::RunError;
 use super::events::{Event, Observer, Phase, Place};
@@ -14,6 +15,7 @@ use super::skin::skin_hu;
 use super::skin_landmarks::{SkinLandmark, moved, skin_landmarks};
 use super::surfaces::{self, StageSurfaces, Surfaces};
 use super::timings::{Clock, Timings};
+use crate::compare::SurfaceDifference;
 use crate::feature::FeatureLine;
 use crate::io::artifact::save;
 use crate::io::nifti::{Template, save_displacement, save_volume};
@@ -104,6 +106,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         warnings: Vec::new(),
         of_input: Vec::new(),
         surfaces: None,
+        skins: None,
     };
     if let Some(warning) = ready.ct.warning() {
         session.warn(warning);
@@ -114,6 +117,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         }
     }
     let candidates = with_volume!(&ct.volume, volume => session.candidates(volume))?;
+    let surface_differences = session.surface_differences();
     let of_input = session.of_input;
     warnings.extend(session.warnings);
     let record = RunRecord {
@@ -132,6 +136,7 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         ),
         warnings: of_input,
         candidates,
+        surface_differences,
     };
     drop::<Ct>(ct);
     clock.time(Phase::Publish, None, || {
@@ -211,12 +216,14 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
         (Phase::Surface, outputs.views),
         (Phase::Views, outputs.views),
         (Phase::Meshes, outputs.mesh || outputs.solids),
+        (Phase::Skins, Skins::are_wanted(plan)),
     ];
     let mut phases: Vec<(Phase, Option<Place<'_>>)> = Vec::new();
     let wanted = at_start.into_iter().filter(|(_, wanted)| *wanted);
     phases.extend(wanted.map(|(phase, _)| (phase, None)));
     for candidate in &plan.candidates {
-        for stage in &candidate.stages {
+        for (number, stage) in candidate.stages.iter().enumerate() {
+            let is_last = number + 1 == candidate.stages.len();
             let place = Place {
                 candidate: &candidate.name,
                 stage: &stage.name,
@@ -234,10 +241,15 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
                 (Phase::WriteDisplacement, outputs.displacement),
                 (Phase::Surface, outputs.views),
                 (Phase::Views, outputs.views),
+                (
+                    Phase::Sheet,
+                    outputs.views && surfaces::is_last(plan, place),
+                ),
                 (Phase::Slices, outputs.slices),
                 (Phase::Profile, outputs.charts),
                 (Phase::Meshes, outputs.mesh || outputs.solids),
                 (Phase::Inverse, outputs.inverse),
+                (Phase::Skins, is_last && Skins::are_wanted(plan)),
             ];
             let wanted = of_stage.into_iter().filter(|(_, wanted)| *wanted);
             phases.extend(wanted.map(|(phase, _)| (phase, Some(place))));
@@ -245,6 +257,9 @@ pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
     }
     if outputs.charts {
         phases.push((Phase::Charts, None));
+    }
+    if Skins::are_wanted(plan) {
+        phases.push((Phase::Skins, None));
     }
     phases.push((Phase::Publish, None));
     phases
@@ -277,6 +292,8 @@ struct Session<'a, 'b> {
     of_input: Vec<String>,
     /// Set once the nose as it is was drawn, where anything is drawn or meshed.
     surfaces: Option<Surfaces<'a>>,
+    /// The skins of the candidates so far, where they are compared.
+    skins: Option<Skins>,
 }
 
 impl Session<'_, '_> {
@@ -320,6 +337,10 @@ impl Session<'_, '_> {
             self.surfaces = Some(surfaces);
             start.meshes = meshes;
         }
+        if Skins::are_wanted(plan) {
+            let find = || Skins::new(plan, skin_hu, preoperative);
+            self.skins = Some(self.clock.time(Phase::Skins, None, find)?);
+        }
         let candidates = plan.candidates.iter();
         let candidates: Vec<CandidateRecord> = candidates
             .map(|candidate| self.candidate(candidate, preoperative, start.clone()))
@@ -328,6 +349,14 @@ impl Session<'_, '_> {
             surfaces.finish(&candidates, self.staging, self.clock)?;
         }
         Ok(candidates)
+    }
+
+    /// How far the skins of the candidates are apart.
+    fn surface_differences(&mut self) -> Vec<SurfaceDifference> {
+        let Some(skins) = self.skins.take() else {
+            return Vec::new();
+        };
+        self.clock.time(Phase::Skins, None, || skins.differences())
     }
 
     fn candidate<T: Sample>(
@@ -341,15 +370,29 @@ impl Session<'_, '_> {
         for place in 0..candidate.stages.len() {
             let (volume, record) = self.stage(candidate, place, preoperative, before)?;
             stages.push(record);
+            if let (Some(skins), Some(last)) = (&mut self.skins, candidate.stages.last())
+                && place + 1 == candidate.stages.len()
+            {
+                let at = Place {
+                    candidate: &candidate.name,
+                    stage: &last.name,
+                };
+                let add = || skins.add(&candidate.name, &volume);
+                self.clock.time(Phase::Skins, Some(at), add)?;
+            }
             // Only `lee2001` samples the volume of the stage before.
             before = (self.plan.morph.model == Model::Lee2001).then_some(volume);
         }
-        Ok(CandidateRecord {
+        let mut record = CandidateRecord {
             name: candidate.name.clone(),
             title: candidate.title.clone(),
             swept: candidate.swept.clone(),
             stages,
-        })
+            accept: None,
+        };
+        let accept = self.plan.accept.as_ref();
+        record.accept = accept.map(|accept| accept.verdict(&comparison::changes(&record)));
+        Ok(record)
     }
 
     fn stage<T: Sample>(
@@ -528,7 +571,13 @@ fn write_tables(staging: &mut Staging, record: &RunRecord) -> Result<(), RunErro
     csv::write(&mut table, record)?;
     save(&staging.begin("measurements.csv")?, &table)?;
     let tables = markdown::tables(record);
-    Ok(save(&staging.begin("table.md")?, tables.as_bytes())?)
+    save(&staging.begin("table.md")?, tables.as_bytes())?;
+    if let Some(comparison) = comparison::of_run(record) {
+        for (name, bytes) in comparison::files(&comparison)? {
+            save(&staging.begin(name)?, &bytes)?;
+        }
+    }
+    Ok(())
 }
 
 fn write_json(path: &Path, what: &impl Serialize) -> Result<(), RunError> {

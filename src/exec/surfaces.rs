@@ -11,7 +11,7 @@ use super::meshes::{StageMeshes, Workshop};
 use super::pictures::{Gallery, Profiles, write_charts, write_slices};
 use super::timings::Clock;
 use crate::io::staging::Staging;
-use crate::plan::{Plan, Stage};
+use crate::plan::{Candidate, Plan, Stage};
 use crate::report::meshes::MeshesRecord;
 use crate::report::record::{CandidateRecord, SurfaceChange};
 use crate::volume::Volume;
@@ -34,6 +34,15 @@ pub(super) struct Surfaces<'a> {
 pub(super) struct StageSurfaces {
     pub change: Option<SurfaceChange>,
     pub meshes: StageMeshes,
+}
+
+/// Whether a place is the last stage of its candidate, and the plan has several.
+pub(super) fn is_last(plan: &Plan, at: Place<'_>) -> bool {
+    let ends_so = |candidate: &Candidate| {
+        let last = candidate.stages.last();
+        candidate.name == at.candidate && last.is_some_and(|last| last.name == at.stage)
+    };
+    plan.candidates.len() > 1 && plan.candidates.iter().any(ends_so)
 }
 
 /// Whether a plan asks for anything that is made of surfaces.
@@ -99,11 +108,15 @@ impl<'a> Surfaces<'a> {
         let (plan, skin_hu) = (self.plan, self.skin_hu);
         let caption = format!("{}, {}", at.candidate, at.stage);
         let mut found = StageSurfaces::default();
-        if let Some(gallery) = &self.gallery {
+        if let Some(gallery) = &mut self.gallery {
             let find = || gallery.surfaces(volume);
             let surfaces = clock.time(Phase::Surface, Some(at), find)?;
             let draw = || gallery.stage(staging, folder, &caption, &surfaces);
             found.change = clock.time(Phase::Views, Some(at), draw)?;
+            if is_last(plan, at) {
+                let add = || gallery.add_to_sheet(staging, at.candidate, &surfaces);
+                clock.time(Phase::Sheet, Some(at), add)?;
+            }
         }
         if plan.outputs.slices {
             let volumes = [&self.preoperative, volume];

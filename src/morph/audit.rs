@@ -3,7 +3,7 @@
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::chain::{Chain, Lattice, VoxelBox};
 use super::field::{Field, Scratch};
@@ -13,7 +13,7 @@ use crate::feature::NoseBox;
 use crate::volume::{Sample, Trilinear, Volume};
 
 /// What a chain of stages does, over every voxel of a lattice.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct WarpAudit {
     /// Smallest Jacobian determinant of the map; at or below 0 the map is folded there.
     pub jacobian_min: f64,

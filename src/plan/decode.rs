@@ -439,6 +439,8 @@ fn home(key: &str) -> Option<&'static str> {
         "f1" => "[[candidate.stage]]",
         "move_tip" | "move_root" | "tip_to" | "root_to" | "project" | "rotate" | "lengthen"
         | "deviate" | "width" => "the array `f1` of a [[candidate.stage]]",
+        "min" | "max" | "change" | "change_percent" => "a limit of [accept]",
+        measure if crate::compare::measure(measure).is_some() => "[accept]",
         _ => return None,
     })
 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use crate::compare::Accept;
 use crate::feature::{Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::space::GridPoint;
 
@@ -57,6 +58,8 @@ pub struct Plan {
     pub views: Option<Views>,
     /// How meshes are made: given where, and only where, `outputs.mesh` is.
     pub mesh: Option<MeshSettings>,
+    /// What a candidate must keep to be accepted, where the plan says so.
+    pub accept: Option<Accept>,
 }
 
 /// Where the voxels come from.

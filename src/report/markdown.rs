@@ -4,6 +4,7 @@ use std::fmt::{self, Write};
 
 use super::meshes::SolidsRecord;
 use super::record::{CandidateRecord, RunRecord, StageRecord, ThresholdSource};
+use crate::compare::Verdict;
 use crate::measure::REGION_NAMES;
 use crate::mesh::solid::SolidRecord;
 
@@ -159,6 +160,9 @@ fn write_candidate(to: &mut String, candidate: &CandidateRecord) -> fmt::Result 
             row(to, name, operated, |stage| part(stage, mm, max))?;
         }
     }
+    if let Some(verdict) = &candidate.accept {
+        write_verdict(to, verdict)?;
+    }
     for stage in operated.iter().filter(|stage| stage.folded) {
         writeln!(
             to,
@@ -166,6 +170,24 @@ fn write_candidate(to: &mut String, candidate: &CandidateRecord) -> fmt::Result 
              turned inside out there. Divide the edit into smaller stages, or move the tip less.",
             stage.name, stage.warp.jacobian_min
         )?;
+    }
+    Ok(())
+}
+
+/// The limits of the plan, after the last stage.
+fn write_verdict(to: &mut String, verdict: &Verdict) -> fmt::Result {
+    let word = if verdict.accepted {
+        "accepted"
+    } else {
+        "not accepted"
+    };
+    writeln!(to, "\nLimits of the plan: **{word}**.\n")?;
+    writeln!(to, "| limit | allowed | found | |")?;
+    writeln!(to, "|---|---:|---:|---|")?;
+    for limit in &verdict.limits {
+        let word = if limit.kept { "kept" } else { "**not kept**" };
+        let (what, allowed, found) = (limit.what(), limit.allowed(), limit.shown());
+        writeln!(to, "| {what} | {allowed} | {found} | {word} |")?;
     }
     Ok(())
 }
@@ -200,7 +222,7 @@ fn vector(components: [f64; 3]) -> String {
 }
 
 /// Free text that means nothing to Markdown.
-fn plain(text: &str) -> String {
+pub(super) fn plain(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {
         if "\\`*_[]<>|#&!".contains(letter) {

@@ -3,9 +3,10 @@
 //! No date, no duration, no path and nothing of a scan's header text: the same plan on the same CT gives
 //! the same bytes on every machine, and nothing in them names the patient.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::meshes::{MeshesRecord, SolidsRecord};
+use crate::compare::{Accept, SurfaceDifference, Verdict};
 use crate::feature::{Cage, Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::measure::{REGION_NAMES, REGIONS};
 use crate::morph::audit::{FieldDifference, WarpAudit};
@@ -39,6 +40,9 @@ pub struct RunRecord {
     pub warnings: Vec<String>,
     /// What came out.
     pub candidates: Vec<CandidateRecord>,
+    /// How far the skins of each two candidates are apart; not there where there is one candidate, or too many.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub surface_differences: Vec<SurfaceDifference>,
 }
 
 /// This program.
@@ -117,6 +121,9 @@ pub struct PlanRecord {
     pub views: Option<Views>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<MeshSettings>,
+    /// Not there where the plan sets no limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accept: Option<Accept>,
 }
 
 /// Landmarks that were moved onto the skin. The plan's other positions are those after that.
@@ -197,6 +204,7 @@ impl PlanRecord {
             outputs: plan.outputs,
             views: plan.views.clone(),
             mesh: plan.mesh,
+            accept: plan.accept.clone(),
         }
     }
 }
@@ -213,6 +221,29 @@ pub struct CandidateRecord {
     pub swept: Vec<Swept>,
     /// The nose as it is, then each stage.
     pub stages: Vec<StageRecord>,
+    /// Whether the last stage keeps the limits of the plan, where it sets any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accept: Option<Verdict>,
+}
+
+impl RunRecord {
+    /// Whether the run does what the plan's limits ask for: one candidate at least keeps them, or with
+    /// `strict` every one. Without limits it does.
+    pub fn is_accepted(&self, strict: bool) -> bool {
+        let verdicts = self.candidates.iter().map(|candidate| &candidate.accept);
+        let mut verdicts = verdicts
+            .flatten()
+            .map(|verdict| verdict.accepted)
+            .peekable();
+        if verdicts.peek().is_none() {
+            return true;
+        }
+        if strict {
+            verdicts.all(|accepted| accepted)
+        } else {
+            verdicts.any(|accepted| accepted)
+        }
+    }
 }
 
 /// The nose after a stage, or before the first.
@@ -269,7 +300,7 @@ pub struct OperationRecord {
 }
 
 /// The measures of method section 6.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Measures {
     /// Tissue of the regions A..K, mm³.
     pub volume_mm3: [f64; REGIONS],
@@ -290,27 +321,55 @@ pub struct Measures {
 impl StageRecord {
     /// Every measure by its name in `measurements.csv`, with its unit, in the order of that file.
     pub fn named_measures(&self) -> Vec<(String, f64, &'static str)> {
-        let measures = &self.measures;
-        let mut named: Vec<_> = REGION_NAMES
+        named_measures(&self.measures, &self.warp)
+    }
+}
+
+/// As [`StageRecord::named_measures`], of what a stage's record holds.
+pub fn named_measures(measures: &Measures, warp: &WarpAudit) -> Vec<(String, f64, &'static str)> {
+    let mut named: Vec<_> = REGION_NAMES
+        .iter()
+        .zip(measures.volume_mm3)
+        .map(|(name, volume)| (format!("volume_{name}"), volume, "mm3"))
+        .collect();
+    let mut add = |name: &str, value: f64, unit| named.push((name.to_owned(), value, unit));
+    add("volume_total", measures.volume_total_mm3, "mm3");
+    add("gamma", measures.gamma_deg, "deg");
+    add("height", measures.height_mm, "mm");
+    for (axis, value) in ["x", "y", "z"].iter().zip(measures.tip_voxel.to_array()) {
+        add(&format!("tip_{axis}"), value, "voxel");
+    }
+    for (axis, value) in ["x", "y", "z"].iter().zip(measures.move_voxel) {
+        add(&format!("move_{axis}"), value, "voxel");
+    }
+    add("jacobian_min", warp.jacobian_min, "1");
+    add("displacement_max", warp.displacement_max_mm, "mm");
+    let outside = warp.displacement_max_outside_mm;
+    add("displacement_max_outside", outside, "mm");
+    named
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compare::MEASURES;
+
+    #[test]
+    fn limits_know_every_measure_by_its_name_and_unit() {
+        let measures = Measures {
+            volume_mm3: [1.0; REGIONS],
+            volume_total_mm3: 11.0,
+            gamma_deg: 70.0,
+            height_mm: 20.0,
+            tip_voxel: ContinuousIndex::new(1.0, 2.0, 3.0),
+            move_voxel: [0.0; 3],
+            move_mm: GridVector::new(0.0, 0.0, 0.0),
+        };
+        let named = named_measures(&measures, &WarpAudit::IDENTITY);
+        let found: Vec<_> = named
             .iter()
-            .zip(measures.volume_mm3)
-            .map(|(name, volume)| (format!("volume_{name}"), volume, "mm3"))
+            .map(|(name, _, unit)| (name.as_str(), *unit))
             .collect();
-        let mut add = |name: &str, value: f64, unit| named.push((name.to_owned(), value, unit));
-        add("volume_total", measures.volume_total_mm3, "mm3");
-        add("gamma", measures.gamma_deg, "deg");
-        add("height", measures.height_mm, "mm");
-        for (axis, value) in ["x", "y", "z"].iter().zip(measures.tip_voxel.to_array()) {
-            add(&format!("tip_{axis}"), value, "voxel");
-        }
-        for (axis, value) in ["x", "y", "z"].iter().zip(measures.move_voxel) {
-            add(&format!("move_{axis}"), value, "voxel");
-        }
-        let warp = &self.warp;
-        add("jacobian_min", warp.jacobian_min, "1");
-        add("displacement_max", warp.displacement_max_mm, "mm");
-        let outside = warp.displacement_max_outside_mm;
-        add("displacement_max_outside", outside, "mm");
-        named
+        assert_eq!(found, MEASURES.map(|measure| (measure.name, measure.unit)));
     }
 }

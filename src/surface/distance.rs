@@ -40,13 +40,19 @@ impl<'a> SurfaceDistance<'a> {
     /// Where the nearest surface point is square below, this is the distance to the plane through it,
     /// which knows the surface between voxels; else the distance to the point.
     pub fn signed(&self, point: GridPoint) -> Option<f64> {
-        let nearest = self.nearest(point.0, None)?;
+        let nearest = self.nearest(point.0, None, None)?;
+        Some(self.sign(point.0, &nearest))
+    }
+
+    /// As [`SurfaceDistance::signed`], to the nearest surface point whose normal is less than 90° from `normal`.
+    pub fn facing(&self, point: GridPoint, normal: DVec3) -> Option<f64> {
+        let nearest = self.nearest(point.0, Some(normal), None)?;
         Some(self.sign(point.0, &nearest))
     }
 
     /// The nearest surface point; `None` where the surface is further than the reach.
     pub fn nearest_point(&self, point: GridPoint) -> Option<GridPoint> {
-        self.nearest(point.0, None)
+        self.nearest(point.0, None, None)
             .map(|nearest| GridPoint(nearest.point))
     }
 
@@ -71,8 +77,14 @@ impl<'a> SurfaceDistance<'a> {
     }
 
     /// Rows are visited in square rings around the point's own, until no further ring can hold a nearer
-    /// point. `guess` is a point known to be near.
-    fn nearest(&self, from: DVec3, guess: Option<Nearest>) -> Option<Nearest> {
+    /// point. Where `facing` is given, points that face away from it do not count. `guess` is a point that counts,
+    /// known to be near.
+    fn nearest(
+        &self,
+        from: DVec3,
+        facing: Option<DVec3>,
+        guess: Option<Nearest>,
+    ) -> Option<Nearest> {
         let grid = self.surface.grid();
         let spacing = grid.spacing();
         let [_, ny, nz] = grid.dims();
@@ -95,7 +107,7 @@ impl<'a> SurfaceDistance<'a> {
                     let (y, z) = (cy + dy, cz + dz);
                     dy += step;
                     if let (Ok(y), Ok(z)) = (usize::try_from(y), usize::try_from(z)) {
-                        self.search_row(y, z, from, &mut best);
+                        self.search_row(y, z, from, facing, &mut best);
                     }
                 }
             }
@@ -103,7 +115,14 @@ impl<'a> SurfaceDistance<'a> {
         best.filter(|best| best.squared <= self.reach_mm * self.reach_mm)
     }
 
-    fn search_row(&self, y: usize, z: usize, from: DVec3, best: &mut Option<Nearest>) {
+    fn search_row(
+        &self,
+        y: usize,
+        z: usize,
+        from: DVec3,
+        facing: Option<DVec3>,
+        best: &mut Option<Nearest>,
+    ) {
         let row = self.surface.row(y, z);
         if row.is_empty() {
             return;
@@ -128,7 +147,10 @@ impl<'a> SurfaceDistance<'a> {
                 return false;
             }
             let found = self.candidate(voxel, y, z, from);
-            if best.is_none_or(|best| found.squared < best.squared) {
+            // What the end of the scan lays open faces nowhere.
+            let counts = facing
+                .is_none_or(|facing| !voxel.code().is_cut() && found.normal.dot(facing) > 0.0);
+            if counts && best.is_none_or(|best| found.squared < best.squared) {
                 *best = Some(found);
                 window = half(best);
             }
@@ -172,7 +194,7 @@ pub fn signed_distances(after: &SemiBoundary, before: &SemiBoundary, reach_mm: f
                 squared: (guess.point - point).length_squared(),
                 ..guess
             });
-            guess = distance.nearest(point, from_guess);
+            guess = distance.nearest(point, None, from_guess);
             guess.map_or(f32::NAN, |nearest| distance.sign(point, &nearest) as f32)
         });
         voxels.collect::<Vec<f32>>()

@@ -5,12 +5,14 @@
 
 mod boundary;
 mod build;
+mod difference;
 mod distance;
 mod facing;
 mod normal;
 
 pub use boundary::{BoundaryVoxel, NeighbourCode, SemiBoundary, SurfaceError};
 pub use build::{Region, semi_boundary};
+pub use difference::{MOVED_MM, SeenSkin, SkinDifference, skin_difference};
 pub use distance::{SurfaceDistance, signed_distances};
 pub use facing::{NearestFacing, nearest_facing};
 pub use normal::PackedNormal;

@@ -6,8 +6,10 @@
     reason = "helpers of tests, which clippy does not take for tests"
 )]
 
+mod accept;
 mod anatomy;
 mod check;
+mod compare;
 mod disk;
 mod exits;
 mod failures;

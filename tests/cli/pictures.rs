@@ -15,8 +15,11 @@ const PAGE: &str = include_str!("../../docs/plan.md");
 const STAGES: [&str; 3] = ["both/01-move", "both/02-reduce", "up/01-rotate"];
 const CANDIDATE_FOLDERS: [&str; 2] = ["both", "up"];
 const SLICES: [&str; 4] = ["sagittal", "coronal", "coronal-10mm", "axial"];
-const TABLES: [&str; 5] = [
+const TABLES: [&str; 8] = [
     ".rhinoplan.files",
+    "compare.csv",
+    "compare.json",
+    "compare.md",
     "measurements.csv",
     "run.json",
     "table.md",
@@ -44,6 +47,7 @@ fn promised() -> BTreeSet<String> {
     for stage in STAGES {
         files.extend(SLICES.map(|plane| format!("{stage}/slice-{plane}.png")));
     }
+    files.insert("contact-sheet.png".to_owned());
     let charts = ["profile.svg", "profile.png", "volumes.svg", "volumes.png"];
     for chart in charts {
         files.insert(chart.to_owned());

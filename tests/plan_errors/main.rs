@@ -4,6 +4,7 @@
 //! snapshots hold the messages.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests")]
 
+mod accept;
 mod candidates;
 mod pictures;
 mod sweeps;

@@ -11,7 +11,8 @@ use super::{PREOPERATIVE_FOLDER, PicturesError, write_bytes};
 use crate::exec::error::RunError;
 use crate::io::staging::Staging;
 use crate::picture::{
-    DivergingLegend, SideLetters, ViewOverlay, diverging, encode_png, overlay, side_by_side,
+    DivergingLegend, SheetRow, SideLetters, ViewOverlay, contact_sheet, diverging, encode_png,
+    overlay, side_by_side, tile,
 };
 use crate::plan::{Object as Drawn, Plan, Views};
 use crate::render::{BONE, Camera, Frame, Object, Paint, SKIN, render};
@@ -32,7 +33,15 @@ pub(in crate::exec) struct Gallery<'a> {
     field: Field,
     /// The views before the first operation, in the order of the cameras.
     pictures: Vec<RgbImage>,
+    /// The contact sheet at work: the nose as it is, then the candidates that it has so far. Empty where there is
+    /// one candidate, which its pairs compare.
+    sheet: Vec<SheetRow>,
+    /// Contact sheets that are written.
+    sheets: usize,
 }
+
+/// How many candidates are on one contact sheet; more are on further ones.
+pub(in crate::exec) const SHEET_ROWS: usize = 20;
 
 /// A camera of the plan and what it saw.
 struct Taken<'a> {
@@ -85,6 +94,8 @@ impl<'a> Gallery<'a> {
             before,
             field,
             pictures: Vec::new(),
+            sheet: Vec::new(),
+            sheets: 0,
         })
     }
 
@@ -104,9 +115,64 @@ impl<'a> Gallery<'a> {
             write_bytes(staging, &name, &png)?;
             pictures.push(picture);
         }
+        let row = (self.plan.candidates.len() > 1).then(|| self.row(caption, &taken));
         drop(taken);
         self.pictures = pictures;
+        self.sheet.extend(row);
         Ok(())
+    }
+
+    /// A row of the contact sheet: what the cameras saw, with nothing written over it.
+    fn row(&self, label: &str, taken: &[Taken<'_>]) -> SheetRow {
+        let tiles = taken
+            .par_iter()
+            .map(|taken| tile(&self.picture(&taken.frame)));
+        SheetRow {
+            label: label.to_owned(),
+            tiles: tiles.collect(),
+        }
+    }
+
+    /// Adds a candidate, drawn after its last stage, to the contact sheet, and writes the sheet when it is full or
+    /// the plan's last candidate is on it.
+    pub(in crate::exec) fn add_to_sheet(
+        &mut self,
+        staging: &mut Staging,
+        candidate: &str,
+        surfaces: &StageSurfaces,
+    ) -> Result<(), RunError> {
+        if self.sheet.is_empty() {
+            return Ok(());
+        }
+        let row = self.row(candidate, &self.take(&surfaces.after)?);
+        self.sheet.push(row);
+        let all = self.plan.candidates.len();
+        let drawn = self.sheets * SHEET_ROWS + self.sheet.len() - 1;
+        if drawn < all && self.sheet.len() <= SHEET_ROWS {
+            return Ok(());
+        }
+        self.sheets += 1;
+        let name = if all > SHEET_ROWS {
+            format!("contact-sheet-{:02}.png", self.sheets)
+        } else {
+            "contact-sheet.png".to_owned()
+        };
+        let cameras = self.views.cameras.iter();
+        let columns: Vec<&str> = cameras.map(|camera| camera.name.as_str()).collect();
+        let rows: Vec<&SheetRow> = self.sheet.iter().collect();
+        let title = self.plan.title.as_deref().unwrap_or(&self.plan.name);
+        let sheet = contact_sheet(title, &columns, &rows).map_err(PicturesError::from)?;
+        let png = encode_png(&sheet).map_err(PicturesError::from)?;
+        write_bytes(staging, Path::new(&name), &png)?;
+        self.sheet.truncate(1);
+        Ok(())
+    }
+
+    /// A frame as a picture.
+    fn picture(&self, frame: &Frame<'_>) -> RgbImage {
+        let size = self.views.size;
+        let bytes: Vec<u8> = frame.pixels().iter().flatten().copied().collect();
+        RgbImage::from_raw(size, size, bytes).unwrap_or_default()
     }
 
     /// The surfaces of a stage.
@@ -226,8 +292,7 @@ impl<'a> Gallery<'a> {
         legend: Option<DivergingLegend>,
     ) -> Result<RgbImage, PicturesError> {
         let size = self.views.size;
-        let bytes: Vec<u8> = frame.pixels().iter().flatten().copied().collect();
-        let mut picture = RgbImage::from_raw(size, size, bytes).unwrap_or_default();
+        let mut picture = self.picture(frame);
         let sides = [-camera.right, camera.right, camera.up, -camera.up].map(letters);
         let [left, right, top, bottom] = &sides;
         let written = ViewOverlay {

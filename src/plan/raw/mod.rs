@@ -3,6 +3,7 @@
 //! Decoding needs no CT. What is absent or wrong is `None` here, and its fault is noted; defaults and
 //! frames are the next step's.
 
+mod accept;
 mod candidates;
 mod settings;
 mod sweeps;
@@ -16,6 +17,7 @@ use super::decode::{Faults, Table, Value, describe, quote, small_integer};
 use super::diagnostic::{Code, Fault};
 use super::resolved::{Enhance, MeshSettings, Morph, Outputs, Phantom, Segment, Views};
 use super::source::{Located, Span};
+use crate::compare::Accept;
 use crate::feature::{FeatureKind, Landmark, Landmarks};
 
 pub(super) use candidates::{MAX_WIDTH, RawCandidate, RawEdit, RawStage, RawVector};
@@ -48,6 +50,7 @@ pub(super) struct RawPlan {
     pub outputs: Outputs,
     pub views: Option<Views>,
     pub mesh: Option<MeshSettings>,
+    pub accept: Option<Accept>,
 }
 
 /// Where the voxels come from, paths as written.
@@ -122,6 +125,7 @@ impl RawPlan {
             "outputs",
             "views",
             "mesh",
+            "accept",
         ];
         // A missing key has no place; the first key of the file stands for the file.
         let first = document
@@ -165,6 +169,7 @@ impl RawPlan {
                 sweeps::sweeps(&table, &mut candidates, faults);
                 candidates
             },
+            accept: accept::accept(&table, faults),
         })
     }
 }

@@ -59,6 +59,7 @@ pub(super) fn plan(raw: &RawPlan, folder: &Path, grid: &Grid, faults: &mut Fault
             outputs: raw.outputs,
             views: raw.views.clone(),
             mesh: raw.mesh,
+            accept: raw.accept.clone(),
         })
     };
     let plan = resolved();

@@ -1,0 +1,130 @@
+//! The skins of a run's candidates, kept until all are there.
+//!
+//! A skin is kept only around the nose: some hundred kilobytes, not a volume. It is that of the volume that is
+//! measured and written, not enhanced for pictures.
+
+use glam::DVec3;
+
+use crate::compare::SurfaceDifference;
+use crate::exec::error::RunError;
+use crate::feature::NoseBox;
+use crate::plan::{Model, Plan};
+use crate::segment::segment;
+use crate::space::Grid;
+use crate::surface::{Region, SeenSkin, SemiBoundary, semi_boundary, skin_difference};
+use crate::volume::{Mask, Sample, Volume};
+
+/// How far around the noses of all candidates skins are compared, mm, where the model is global. That of model
+/// `local` ends where its margin does.
+pub const MARGIN_MM: f64 = 20.0;
+/// How far further skins are kept, mm: what lies at the rim has its neighbours on the other skin there.
+const RIM_MM: f64 = 10.0;
+/// The most candidates of which each two are compared: 496 pairs.
+pub const MOST_COMPARED: usize = 32;
+
+/// The skin before the first stage, and those of candidates so far.
+pub(in crate::exec) struct Skins {
+    finder: Finder,
+    before: SemiBoundary,
+    after: Vec<(String, SeenSkin)>,
+}
+
+/// Where skin is looked for: the same for all.
+struct Finder {
+    skin_hu: f64,
+    largest: bool,
+    compared: Region,
+    kept: Region,
+}
+
+impl Skins {
+    /// Whether the candidates of a plan are compared.
+    pub(in crate::exec) fn are_wanted(plan: &Plan) -> bool {
+        (2..=MOST_COMPARED).contains(&plan.candidates.len())
+    }
+
+    /// Finds the skin of the nose as it is.
+    pub(in crate::exec) fn new<T: Sample>(
+        plan: &Plan,
+        skin_hu: f64,
+        preoperative: &Volume<T>,
+    ) -> Result<Self, RunError> {
+        let margin = match plan.morph.model {
+            Model::Local { margin_mm } => margin_mm,
+            Model::Lee2001 => MARGIN_MM,
+        };
+        let start = NoseBox::new(&plan.landmarks, &plan.f1, &plan.f1);
+        let stages = plan
+            .candidates
+            .iter()
+            .flat_map(|candidate| &candidate.stages);
+        let nose = stages
+            .map(|stage| NoseBox::new(&plan.landmarks, &stage.source, &stage.target))
+            .fold(start, |all, one| all.union(&one));
+        let grid = preoperative.grid();
+        let finder = Finder {
+            skin_hu,
+            largest: plan.segment.keep_largest,
+            compared: around(&nose, margin, grid),
+            kept: around(&nose, margin + RIM_MM, grid),
+        };
+        let (before, _) = finder.surface(preoperative)?;
+        Ok(Self {
+            finder,
+            before,
+            after: Vec::new(),
+        })
+    }
+
+    /// Adds the nose that a candidate ends with.
+    pub(in crate::exec) fn add<T: Sample>(
+        &mut self,
+        candidate: &str,
+        volume: &Volume<T>,
+    ) -> Result<(), RunError> {
+        let (surface, mask) = self.finder.surface(volume)?;
+        let skin = SeenSkin::new(surface, &mask, self.finder.compared, &self.before);
+        self.after.push((candidate.to_owned(), skin));
+        Ok(())
+    }
+
+    /// Every two candidates, in the order of the plan.
+    pub(in crate::exec) fn differences(&self) -> Vec<SurfaceDifference> {
+        let mut differences = Vec::new();
+        for (place, (one, skin)) in self.after.iter().enumerate() {
+            for (other, other_skin) in self.after.iter().skip(place + 1) {
+                let found = skin_difference(skin, other_skin);
+                differences.push(SurfaceDifference {
+                    candidates: [one.clone(), other.clone()],
+                    mean_mm: found.mean_mm,
+                    p95_mm: found.p95_mm,
+                    max_mm: found.max_mm,
+                    area_mm2: found.area_mm2,
+                });
+            }
+        }
+        differences
+    }
+}
+
+impl Finder {
+    fn surface<T: Sample>(&self, volume: &Volume<T>) -> Result<(SemiBoundary, Mask), RunError> {
+        let mask = segment(volume, self.skin_hu, self.largest)?;
+        let whole = Region::whole(volume.grid());
+        let surface = semi_boundary(volume, &mask, self.skin_hu, whole)?;
+        Ok((surface.only_in(self.kept), mask))
+    }
+}
+
+/// The voxels no further than `margin_mm` from the box along any axis.
+fn around(nose: &NoseBox, margin_mm: f64, grid: &Grid) -> Region {
+    let voxel = |point: DVec3| {
+        let index = (point / grid.spacing()).clamp(DVec3::ZERO, grid.last_index());
+        // In range: it lies between the grid's first and last voxels.
+        index.to_array().map(|at| at.round() as usize)
+    };
+    Region {
+        first: voxel(nose.min.0 - margin_mm),
+        last: voxel(nose.max.0 + margin_mm),
+    }
+}

@@ -1,0 +1,325 @@
+//! How far two skins are apart, as one number a pair: mean, 95th percentile, largest.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::boundary::{BoundaryVoxel, SemiBoundary};
+use super::build::Region;
+use super::distance::SurfaceDistance;
+use crate::volume::Mask;
+
+/// How far another skin is looked for, mm.
+const REACH_MM: f64 = 60.0;
+
+/// Skin that moved by no more than this is as it was, mm: a quarter of the paper's voxel. The map fades out, and
+/// without such an end micrometres at the rim would make up most of the area.
+pub const MOVED_MM: f64 = 0.1;
+
+/// From where skin is looked at, towards the viewer in the grid's axes: the six views of clinical photography
+/// (from the front, from either side, from between them, and from 60° below).
+const VIEWS: [DVec3; 6] = [
+    DVec3::NEG_Y,
+    DVec3::new(H, -H, 0.0),
+    DVec3::new(-H, -H, 0.0),
+    DVec3::X,
+    DVec3::NEG_X,
+    DVec3::new(0.0, -0.5, -0.866_025_403_784_438_6),
+];
+const H: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
+/// A skin, and which of its voxels are looked at.
+#[derive(Debug, Clone)]
+pub struct SeenSkin {
+    surface: SemiBoundary,
+    /// For each boundary voxel, whether it lies in the region that is compared and is seen from outside.
+    seen: Vec<bool>,
+    /// Whether it is more than [`MOVED_MM`] from the skin before.
+    moved: Vec<bool>,
+}
+
+/// The distance between two skins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SkinDifference {
+    /// Mean over the area, mm.
+    pub mean_mm: f64,
+    /// 95 % of the area are no further apart, mm.
+    pub p95_mm: f64,
+    /// The largest, mm.
+    pub max_mm: f64,
+    /// The area that was compared, mm²: the mean of the two skins'.
+    pub area_mm2: f64,
+}
+
+impl SeenSkin {
+    /// The skin `surface` of the object `mask`, of which the voxels in `region` are compared that at least one of
+    /// six views from outside sees: the walls of the airways are no skin that a surgeon looks at. `before` is the
+    /// skin that it was made of, on the same grid.
+    pub fn new(surface: SemiBoundary, mask: &Mask, region: Region, before: &SemiBoundary) -> Self {
+        let seen = Self::seen(&surface, mask, region);
+        let mut skin = Self {
+            moved: vec![true; surface.len()],
+            surface,
+            seen,
+        };
+        let moved = skin.distances(before);
+        skin.moved.fill(false);
+        for (place, mm, _) in moved {
+            if let Some(moved) = skin.moved.get_mut(place) {
+                *moved = mm > MOVED_MM;
+            }
+        }
+        skin
+    }
+
+    fn seen(surface: &SemiBoundary, mask: &Mask, region: Region) -> Vec<bool> {
+        let [_, ny, nz] = surface.grid().dims();
+        let inside = |at: [usize; 3]| {
+            (0..3).all(|axis| region.first[axis] <= at[axis] && at[axis] <= region.last[axis])
+        };
+        let rows = (0..ny * nz).into_par_iter().map(|row| {
+            let (y, z) = (row % ny, row / ny);
+            let voxels = surface.row(y, z).iter();
+            let seen = voxels.map(|&voxel| {
+                inside([voxel.x(), y, z])
+                    && !voxel.code().is_cut()
+                    && is_seen(surface, voxel, [y, z], mask)
+            });
+            seen.collect::<Vec<bool>>()
+        });
+        rows.collect::<Vec<_>>().concat()
+    }
+
+    /// Of every voxel that is compared its place, the distance to `to`, mm, and its area, mm²; all that moved, or
+    /// are not where `to` is.
+    fn distances(&self, to: &SemiBoundary) -> Vec<(usize, f64, f64)> {
+        let [_, ny, nz] = self.surface.grid().dims();
+        let spacing = self.surface.grid().spacing();
+        let distance = SurfaceDistance::new(to, REACH_MM);
+        let rows = (0..ny * nz).into_par_iter().map(|row| {
+            let (y, z) = (row % ny, row / ny);
+            let there = to.row(y, z);
+            let places = self.surface.row_range(y, z);
+            let voxels = places.zip(self.surface.row(y, z));
+            let compared = voxels.filter_map(|(place, &voxel)| {
+                if !*self.seen.get(place)? {
+                    return None;
+                }
+                let mm = if at(there, voxel.x()) == Some(voxel) {
+                    0.0
+                } else {
+                    let point = self.surface.surface_point(voxel, y, z);
+                    distance.facing(point, voxel.normal().as_dvec3())?.abs()
+                };
+                let counts = *self.moved.get(place)? || mm > MOVED_MM;
+                counts.then(|| (place, mm, area(voxel, spacing)))
+            });
+            compared.collect::<Vec<_>>()
+        });
+        rows.collect::<Vec<_>>().concat()
+    }
+}
+
+/// How far two skins of one grid are apart where at least one of them moved by more than [`MOVED_MM`], in both
+/// directions.
+///
+/// The distance of a point of one skin is that to the nearest point of the other that faces the same way, so
+/// that neither the far side of a thin wall nor an airway behind it is taken for the skin. Where both
+/// skins are as before nothing is compared: no mean is made small by a face that does not change.
+pub fn skin_difference(one: &SeenSkin, other: &SeenSkin) -> SkinDifference {
+    let mut all: Vec<(f64, f64)> = Vec::new();
+    for (from, to) in [(one, other), (other, one)] {
+        let distances = from.distances(&to.surface).into_iter();
+        all.extend(distances.map(|(_, mm, area)| (mm, area)));
+    }
+    // Stable: what is equally far apart stays in the order of the voxels, for any number of threads.
+    all.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    let total: f64 = all.iter().map(|(_, area)| area).sum();
+    let weighted: f64 = all.iter().map(|(mm, area)| mm * area).sum();
+    let mut reached = 0.0;
+    let p95 = all.iter().find(|(_, area)| {
+        reached += area;
+        reached >= 0.95 * total
+    });
+    let max_mm = all.last().map_or(0.0, |(mm, _)| *mm);
+    SkinDifference {
+        mean_mm: if total > 0.0 { weighted / total } else { 0.0 },
+        p95_mm: p95.map_or(max_mm, |(mm, _)| *mm),
+        max_mm,
+        area_mm2: total / 2.0,
+    }
+}
+
+fn at(row: &[BoundaryVoxel], x: usize) -> Option<BoundaryVoxel> {
+    let place = row.binary_search_by_key(&x, |voxel| voxel.x()).ok()?;
+    row.get(place).copied()
+}
+
+/// The area of the surface that a boundary voxel stands for, mm². A plane has one boundary voxel for each
+/// column of voxels along the axis that it crosses in the fewest voxels.
+fn area(voxel: BoundaryVoxel, spacing: DVec3) -> f64 {
+    let normal = voxel.normal().as_dvec3().abs();
+    spacing.element_product() / (normal * spacing).max_element()
+}
+
+/// Whether one of [`VIEWS`] sees the voxel past everything else of the object.
+fn is_seen(surface: &SemiBoundary, voxel: BoundaryVoxel, [y, z]: [usize; 2], mask: &Mask) -> bool {
+    let spacing = surface.grid().spacing();
+    let normal = voxel.normal().as_dvec3();
+    // Clear of the surface itself, whose voxels stand out by up to one.
+    let from = surface.surface_point(voxel, y, z).0 + normal * (1.5 * spacing.max_element());
+    VIEWS.iter().any(|&view| {
+        let mut index = from / spacing;
+        let step = view * spacing.min_element() / spacing;
+        normal.dot(view) > 0.0
+            && loop {
+                let nearest = index.round();
+                let in_grid = nearest.cmpge(DVec3::ZERO).all()
+                    && nearest.cmple(surface.grid().last_index()).all();
+                if !in_grid {
+                    break true;
+                }
+                let [x, y, z] = nearest.to_array().map(|at| at as usize);
+                if mask.contains(x, y, z) {
+                    break false;
+                }
+                index += step;
+            }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array3;
+
+    use super::*;
+    use crate::segment::segment;
+    use crate::space::Grid;
+    use crate::surface::semi_boundary;
+    use crate::volume::{Rescale, Volume};
+
+    const DIMS: [usize; 3] = [48, 40, 30];
+    const SPACING: [f64; 3] = [0.5, 0.8, 1.1];
+
+    /// A volume whose HU fall evenly through 0 at the surface `depth(point) = 0`, positive inside, mm.
+    fn skin(depth: impl Fn(DVec3) -> f64) -> (SemiBoundary, Mask) {
+        let grid = Grid::axis_aligned(DIMS, SPACING).unwrap();
+        let [nx, ny, nz] = DIMS;
+        let samples = Array3::from_shape_fn((nz, ny, nx), |(z, y, x)| {
+            let point = DVec3::new(x as f64, y as f64, z as f64) * DVec3::from(SPACING);
+            (100.0 * depth(point)).clamp(-1000.0, 1000.0) as f32
+        });
+        let volume = Volume::new(grid.clone(), Rescale::NONE, samples).unwrap();
+        let mask = segment(&volume, 0.0, true).unwrap();
+        let surface = semi_boundary(&volume, &mask, 0.0, Region::whole(&grid)).unwrap();
+        (surface, mask)
+    }
+
+    fn seen((surface, mask): &(SemiBoundary, Mask), before: &(SemiBoundary, Mask)) -> SeenSkin {
+        let whole = Region::whole(surface.grid());
+        SeenSkin::new(surface.clone(), mask, whole, &before.0)
+    }
+
+    fn difference(
+        one: &(SemiBoundary, Mask),
+        other: &(SemiBoundary, Mask),
+        before: &(SemiBoundary, Mask),
+    ) -> SkinDifference {
+        skin_difference(&seen(one, before), &seen(other, before))
+    }
+
+    /// A face across y, at `y` mm.
+    fn face(y: f64) -> (SemiBoundary, Mask) {
+        skin(|point| point.y - y)
+    }
+
+    #[test]
+    fn two_faces_are_apart_by_what_lies_between_them() {
+        let [before, one, other] = [20.0, 17.3, 15.1].map(face);
+        let found = difference(&one, &other, &before);
+        for mm in [found.mean_mm, found.p95_mm, found.max_mm] {
+            assert!((mm - 2.2).abs() < 0.02, "{found:?}");
+        }
+        // All of the face but the rim, where the surface is that of the scan's end.
+        let whole = 48.0 * 0.5 * 30.0 * 1.1;
+        let ratio = found.area_mm2 / whole;
+        assert!(ratio > 0.85 && ratio < 1.02, "{ratio}");
+        assert_eq!(found, difference(&other, &one, &before));
+    }
+
+    #[test]
+    fn where_both_are_as_before_nothing_is_compared() {
+        let before = face(20.0);
+        let bump = |height: f64| {
+            skin(move |point| {
+                let aside = DVec3::new(point.x - 12.0, 0.0, point.z - 16.0).length();
+                point.y - 20.0 + height * (1.0 - aside / 6.0).max(0.0)
+            })
+        };
+        let (same, low, high) = (face(20.0), bump(2.0), bump(5.0));
+        let nothing = difference(&same, &before, &before);
+        assert_eq!((nothing.mean_mm, nothing.area_mm2), (0.0, 0.0));
+        let found = difference(&low, &high, &before);
+        assert!(found.max_mm > 1.8 && found.max_mm <= 3.0, "{found:?}");
+        assert!(found.mean_mm > 0.4 && found.mean_mm < 1.6, "{found:?}");
+        assert!(found.mean_mm < found.p95_mm && found.p95_mm < found.max_mm);
+        // A cone of 6 mm: the rest of the face does not count.
+        assert!(found.area_mm2 < 200.0, "{found:?}");
+        // Two that moved alike differ from the start and not from each other.
+        let alike = difference(&bump(5.0), &high, &before);
+        assert_eq!((alike.max_mm, alike.mean_mm), (0.0, 0.0));
+        assert!(alike.area_mm2 > 50.0);
+    }
+
+    #[test]
+    fn an_inclined_plane_has_its_area_whatever_the_voxels() {
+        for normal in [
+            DVec3::new(0.0, -1.0, 0.0),
+            DVec3::new(0.3, -0.8, 0.4),
+            DVec3::new(-0.5, -0.5, 0.5),
+        ] {
+            let normal = normal.normalize();
+            let middle = DVec3::from(SPACING) * DVec3::new(23.5, 19.5, 14.5);
+            let plane = |shift: f64| skin(move |point| -normal.dot(point - middle) - shift);
+            let (one, other) = (plane(0.0), plane(0.4));
+            let within = |skin: &(SemiBoundary, Mask)| -> f64 {
+                let spacing = DVec3::from(SPACING);
+                let near = skin.0.iter().filter(|(_, voxel, y, z)| {
+                    let point = skin.0.surface_point(*voxel, *y, *z).0;
+                    (point - middle).length() < 6.0
+                });
+                near.map(|(_, voxel, _, _)| area(voxel, spacing)).sum()
+            };
+            let disc = std::f64::consts::PI * 36.0;
+            assert!(
+                (within(&one) / disc - 1.0).abs() < 0.05,
+                "{normal}: {}",
+                within(&one)
+            );
+            let found = difference(&one, &other, &face(1.0));
+            assert!((found.mean_mm - 0.4).abs() < 0.05, "{normal}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn the_wall_of_an_airway_is_not_the_skin() {
+        // A face 2 mm thick with a closed cavity behind it, whose wall is nearer to the other face than its skin.
+        let hollow = |y: f64| {
+            skin(move |point| {
+                let middle = DVec3::new(11.5, (y + 2.0 + 29.0) / 2.0, 16.0);
+                let half = DVec3::new(9.0, (29.0 - y - 2.0) / 2.0, 12.0);
+                let outside_cavity = ((point - middle).abs() - half).max_element();
+                (point.y - y).min(outside_cavity)
+            })
+        };
+        let (before, one, other) = (face(25.0), hollow(12.0), hollow(15.0));
+        let open = |skin: &SeenSkin| {
+            skin.surface
+                .iter()
+                .filter(|(place, ..)| skin.seen[*place])
+                .count()
+        };
+        assert!(open(&seen(&one, &before)) < one.0.len() * 2 / 3);
+        let found = difference(&one, &other, &before);
+        assert!((found.mean_mm - 3.0).abs() < 0.1, "{found:?}");
+    }
+}
