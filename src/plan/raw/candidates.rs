@@ -4,18 +4,12 @@ use std::collections::HashSet;
 
 use super::super::decode::{Faults, Table, Value, describe};
 use super::super::diagnostic::{Code, Fault};
+use super::super::format::{
+    self, MAX_CANDIDATES, MAX_EDITS, MAX_STAGES, PREOPERATIVE, ROTATION_DEG, WIDTH,
+};
 use super::super::source::{Located, Span};
 use super::{POINT, kind, name, title};
 use crate::feature::{Edit, FeatureKind};
-
-/// The most candidates, stages of a candidate and edits of a stage: more come from a broken generator.
-const MAX_CANDIDATES: usize = 1000;
-const MAX_STAGES: usize = 100;
-const MAX_EDITS: usize = 100;
-/// The name under which tables show the nose as it was.
-const PREOPERATIVE: &str = "preoperative";
-/// The largest widening factor; its inverse is the smallest.
-pub(in super::super) const MAX_WIDTH: f64 = 10.0;
 
 /// A candidate whose name or stages may be wanting.
 #[derive(Debug, Clone)]
@@ -48,13 +42,17 @@ pub(in super::super) enum RawEdit {
     Word(Edit),
 }
 
+/// The names of the edits that a line has and a point has not.
+pub(in super::super) const LINE_EDITS: [&str; 3] = ["move_root", "root_to", "width"];
+
 impl RawEdit {
-    /// The name of an edit that a line has and a point has not.
+    /// Its name, where it is one of [`LINE_EDITS`].
     pub fn name_if_of_a_line(&self) -> Option<&'static str> {
+        let [move_root, root_to, width] = LINE_EDITS;
         match self {
-            Self::MoveRoot(_) => Some("move_root"),
-            Self::RootTo(_) => Some("root_to"),
-            Self::Word(Edit::Width(_)) => Some("width"),
+            Self::MoveRoot(_) => Some(move_root),
+            Self::RootTo(_) => Some(root_to),
+            Self::Word(Edit::Width(_)) => Some(width),
             _ => None,
         }
     }
@@ -79,7 +77,7 @@ pub(super) fn candidates(plan: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawCa
     tables(value, "[[candidate]]", MAX_CANDIDATES, faults)
         .iter()
         .filter_map(|item| {
-            let table = faults.table(item, "[[candidate]]", &["name", "title", "stage"])?;
+            let table = faults.table(item, &format::CANDIDATE)?;
             let name = name(&table, "`candidate.name`", faults);
             Some(RawCandidate {
                 name: unique(name, "candidate", &mut names, faults),
@@ -100,7 +98,7 @@ fn stages(candidate: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawStage> {
     tables(value, "[[candidate.stage]]", MAX_STAGES, faults)
         .iter()
         .filter_map(|item| {
-            let table = faults.table(item, "[[candidate.stage]]", &["name", "kind", "f1"])?;
+            let table = faults.table(item, &format::STAGE)?;
             let mut name = name(&table, "`candidate.stage.name`", faults);
             if let Some(reserved) = name.take_if(|name| name.value == PREOPERATIVE) {
                 let message = format!(
@@ -195,22 +193,10 @@ fn edits(stage: &Table<'_, '_>, faults: &mut Faults) -> Vec<Option<Located<RawEd
     items.iter().map(|item| edit(item, faults)).collect()
 }
 
-/// The names of the edits.
-const EDITS: [&str; 9] = [
-    "move_tip",
-    "move_root",
-    "tip_to",
-    "root_to",
-    "project",
-    "rotate",
-    "lengthen",
-    "deviate",
-    "width",
-];
-
 fn edit(value: &Value<'_>, faults: &mut Faults) -> Option<Located<RawEdit>> {
     let expected = "an edit, such as { project = -2.0 }; several edits are several tables";
-    let (name, given) = faults.choice(value, "an edit of f1", &EDITS, expected, None)?;
+    let format = &format::EDIT;
+    let (name, given) = faults.choice(value, format.name, &format.names(), expected, None)?;
     let mm = |what: &str, faults: &mut Faults| {
         faults.number(given, what, "a number of mm, of either sign")
     };
@@ -223,16 +209,13 @@ fn edit(value: &Value<'_>, faults: &mut Faults) -> Option<Located<RawEdit>> {
         "lengthen" => RawEdit::Word(Edit::Lengthen(mm("`lengthen`", faults)?)),
         "deviate" => RawEdit::Word(Edit::Deviate(mm("`deviate`", faults)?)),
         "rotate" => {
-            let expected = "a number of degrees between -180 and 180";
-            let valid = |degrees: f64| degrees.abs() < 180.0;
-            let degrees = faults.number_where(given, "`rotate`", expected, valid)?;
+            let expected = format!("a number of degrees {ROTATION_DEG}");
+            let degrees = faults.number_in(given, "`rotate`", &expected, ROTATION_DEG)?;
             RawEdit::Word(Edit::Rotate(degrees))
         }
         _ => {
-            let least = MAX_WIDTH.recip();
-            let expected = format!("a factor from {least} to {MAX_WIDTH}; 1 changes nothing");
-            let valid = |factor: f64| (least..=MAX_WIDTH).contains(&factor);
-            let factor = faults.number_where(given, "`width`", &expected, valid)?;
+            let expected = format!("a factor {WIDTH}; 1 changes nothing");
+            let factor = faults.number_in(given, "`width`", &expected, WIDTH)?;
             RawEdit::Word(Edit::Width(factor))
         }
     };
