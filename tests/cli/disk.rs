@@ -80,7 +80,12 @@ fn first_too_large<'a>(files: &Files, order: &[&'a str], blocks: usize) -> Optio
 fn every_file_that_does_not_fit_ends_the_run_and_nothing_changes() {
     let volumes = plan("good", "ct.nii");
     let (tables, _) = volumes.split_once("[outputs]").unwrap();
-    let last = ["measurements.csv", "table.md", "run.json"];
+    let last = [
+        "measurements.csv",
+        "table.md",
+        "plan.effective.toml",
+        "run.json",
+    ];
     let stages = ["both/01-move", "both/02-reduce", "up/01-rotate"];
     let in_stages: Vec<_> = stages
         .iter()

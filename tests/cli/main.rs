@@ -9,6 +9,7 @@
 mod anatomy;
 mod check;
 mod disk;
+mod effective;
 mod exits;
 mod failures;
 mod head;
@@ -24,6 +25,7 @@ mod real;
 #[path = "../real_data/mod.rs"]
 mod real_data;
 mod same;
+mod schema;
 mod skin;
 mod snap;
 mod volumes;

@@ -83,6 +83,7 @@ fn the_files_are_those_of_the_contract_in_the_default_folder() {
             "good/both/02-reduce/displacement.nii.gz",
             "good/both/02-reduce/volume.nii.gz",
             "good/measurements.csv",
+            "good/plan.effective.toml",
             "good/run.json",
             "good/table.md",
             "good/timings.json",
@@ -106,6 +107,7 @@ fn without_outputs_there_are_tables_only() {
         [
             ".rhinoplan.files",
             "measurements.csv",
+            "plan.effective.toml",
             "run.json",
             "table.md",
             "timings.json"

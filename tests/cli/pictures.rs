@@ -15,9 +15,10 @@ const PAGE: &str = include_str!("../../docs/plan.md");
 const STAGES: [&str; 3] = ["both/01-move", "both/02-reduce", "up/01-rotate"];
 const CANDIDATE_FOLDERS: [&str; 2] = ["both", "up"];
 const SLICES: [&str; 4] = ["sagittal", "coronal", "coronal-10mm", "axial"];
-const TABLES: [&str; 5] = [
+const TABLES: [&str; 6] = [
     ".rhinoplan.files",
     "measurements.csv",
+    "plan.effective.toml",
     "run.json",
     "table.md",
     "timings.json",
