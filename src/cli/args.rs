@@ -97,6 +97,9 @@ pub(super) enum Command {
         #[arg(long, value_name = "UID")]
         series: Option<String>,
     },
+    /// Print the JSON Schema of plan files, for editors that complete and check them.
+    #[command(after_help = SCHEMA_HELP)]
+    Schema,
     /// Write the built-in synthetic head `lee2001`.
     Phantom {
         /// The file to write (.nii or .nii.gz).
@@ -115,6 +118,12 @@ Exit codes:
   3   the CT, or a finished run that is to be compared, cannot be used
   4   no candidate keeps the limits of its plan; with --strict, one does not
   70  a bug of this program";
+
+const SCHEMA_HELP: &str = "\
+Save it, and name it in the first line of a plan:
+  rhinoplan schema > plan.schema.json
+  #:schema ./plan.schema.json
+Editors that use Taplo (Even Better TOML for Visual Studio Code, among others) read that line.";
 
 /// The name of a file to write, whose ending tells whether it is compressed.
 fn nifti_name(text: &str) -> Result<PathBuf, String> {

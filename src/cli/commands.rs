@@ -15,7 +15,7 @@ use crate::exec::{self, ExitCode, Ready, Refusal, RunReport};
 use crate::io::artifact::Artifact;
 use crate::io::dicom::{self, DicomProblem, Folder, OtherFiles};
 use crate::io::nifti;
-use crate::plan::{CtSource, Phantom};
+use crate::plan::{self, CtSource, Phantom};
 use crate::space::Grid;
 use crate::with_volume;
 
@@ -225,6 +225,15 @@ pub(super) fn landmarks(file: &Path, ct: &Path, series: Option<&str>, output: &O
     }
     output.result(found.plan_text().trim_end());
     output.set("landmarks", &found);
+    ExitCode::Done
+}
+
+/// `schema`: the JSON Schema of plans.
+pub(super) fn schema(output: &Output) -> ExitCode {
+    let schema = plan::schema();
+    // `{:#}` of a JSON value is its text over several lines.
+    output.result(&format!("{schema:#}"));
+    output.set("schema", schema);
     ExitCode::Done
 }
 

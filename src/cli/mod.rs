@@ -78,6 +78,7 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
         Command::Landmarks { file, ct, series } => {
             commands::landmarks(file, ct, series.as_deref(), output)
         }
+        Command::Schema => commands::schema(output),
         Command::Phantom { output: path } => commands::phantom(path, output),
     }
 }

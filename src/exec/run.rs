@@ -26,7 +26,7 @@ use crate::morph::audit::WarpAudit;
 use crate::morph::displacement::fill_component;
 use crate::morph::field::Field;
 use crate::morph::inverse::InverseAudit;
-use crate::plan::{Candidate, Method, Model, Plan, Scale};
+use crate::plan::{Candidate, Found, Method, Model, Plan, Scale};
 use crate::report::record::{
     CandidateRecord, FORMAT, Inputs, Measures, OperationRecord, PREOPERATIVE, PlanRecord, Program,
     RunRecord, SnapRecord, SnappedLandmark, StageRecord,
@@ -138,9 +138,23 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         candidates,
         surface_differences,
     };
+    let effective = ready.source.effective(
+        plan,
+        Found {
+            grid: ct.volume.grid(),
+            ct_sha256: &ct.record.sha256,
+            skin_hu,
+        },
+    );
     drop::<Ct>(ct);
     clock.time(Phase::Publish, None, || {
         write_tables(&mut staging, &record)?;
+        if let Some(text) = effective {
+            save(
+                &staging.begin_unlisted("plan.effective.toml")?,
+                text.as_bytes(),
+            )?;
+        }
         Ok::<_, RunError>(staging.digest()?)
     })?;
     let timings = clock.timings(&plan.name);

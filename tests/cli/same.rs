@@ -20,7 +20,7 @@ fn desk(folder: &str, ct: &str, more: &str) -> Desk {
 fn any_number_of_threads_and_any_run_gives_the_same_bytes() {
     for more in ["", LEE2001_HALF] {
         let desk = desk(".", "ct.nii.gz", more);
-        assert_same_with_any_threads(&desk, 7 + 3 * 2);
+        assert_same_with_any_threads(&desk, 8 + 3 * 2);
     }
 }
 
@@ -33,7 +33,7 @@ fn any_number_of_threads_draws_the_same_pictures() {
         desk.write("plan.toml", picture_plan("good", "ct.nii.gz") + more);
         let of_stage = 3 * VIEWS.len() + 4;
         let charts = 4 * 3;
-        assert_same_with_any_threads(&desk, 8 + VIEWS.len() + 3 * of_stage + charts);
+        assert_same_with_any_threads(&desk, 9 + VIEWS.len() + 3 * of_stage + charts);
     }
 }
 
@@ -75,7 +75,7 @@ fn the_place_of_the_files_does_not_matter_and_is_not_told() {
 }
 
 #[test]
-fn another_name_of_the_ct_changes_the_digest_of_the_plan_alone() {
+fn another_name_of_the_ct_changes_the_digest_and_the_effective_plan_alone() {
     let desks = ["ct.nii.gz", "DOE^JANE.nii.gz"].map(|ct| {
         let desk = desk(".", ct, "");
         desk.run(&["run", "plan.toml"]).expect(0);
@@ -86,6 +86,14 @@ fn another_name_of_the_ct_changes_the_digest_of_the_plan_alone() {
     for files in [&mut one, &mut other] {
         files.remove("run.json").unwrap();
     }
+    // The effective plan repeats the plan, and differs in this one line.
+    let [of_one, of_other] = [&mut one, &mut other].map(|files| {
+        let text = files.remove("plan.effective.toml").unwrap();
+        String::from_utf8(text).unwrap()
+    });
+    let (named, renamed) = ("path = \"ct.nii.gz\"", "path = \"DOE^JANE.nii.gz\"");
+    assert!(of_one.contains(named));
+    assert_eq!(of_one.replace(named, renamed), of_other);
     assert!(one == other);
     assert_ne!(
         record["inputs"]["plan_sha256"],
@@ -98,7 +106,7 @@ fn another_name_of_the_ct_changes_the_digest_of_the_plan_alone() {
 }
 
 #[test]
-fn no_output_names_the_patient_or_a_file() {
+fn no_output_but_the_effective_plan_names_the_patient_or_a_file() {
     let desk = desk("doe-jane", "DOE^JANE.nii.gz", "");
     assert!(
         nifti_with_names()
@@ -130,10 +138,17 @@ fn no_output_names_the_patient_or_a_file() {
             packed.clone()
         };
         for word in &long {
+            let is_in_the_plan = name == "plan.effective.toml" && word == "doe^jane";
             assert!(
-                !holds(&packed, word) && !holds(&content, word),
+                is_in_the_plan || (!holds(&packed, word) && !holds(&content, word)),
                 "{name} holds {word}"
             );
+        }
+        if name == "plan.effective.toml" {
+            // It repeats the name that the plan gives the CT, and nothing of the place where either is.
+            assert!(text.windows(12).any(|part| part == b"DOE^JANE.nii"));
+            looked_at += 1;
+            continue;
         }
         for word in short {
             // The record says which kind of source it was, and the list of files what is written.
@@ -144,6 +159,6 @@ fn no_output_names_the_patient_or_a_file() {
         }
         looked_at += 1;
     }
-    assert_eq!(looked_at, 8 + 3 * 2);
+    assert_eq!(looked_at, 9 + 3 * 2);
     assert!(!ran.out.to_lowercase().contains("jane"), "{}", ran.out);
 }

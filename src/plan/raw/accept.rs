@@ -2,17 +2,15 @@
 
 use super::super::decode::{Faults, Table, Value, one_of};
 use super::super::diagnostic::{Code, Fault};
+use super::super::format;
 use crate::compare::{Accept, BareNumber, Limit, MEASURES, Measure, Quantity};
 
-/// The keys of a limit that is a table.
-const KEYS: [&str; 4] = ["min", "max", "change", "change_percent"];
 const INTERVAL: &str = "[least, most], two numbers, the first not above the second";
 
 /// The limits; none where none are given.
 pub(super) fn accept(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Accept> {
     let value = plan.get("accept")?;
-    let known = MEASURES.map(|measure| measure.name);
-    let table = faults.table(value, "[accept]", &known)?;
+    let table = faults.table(value, &format::ACCEPT)?;
     if value
         .get_ref()
         .as_table()
@@ -58,7 +56,10 @@ fn limits_of(
         BareNumber::Most => "a number, the most that is allowed; ",
         BareNumber::Nothing => "",
     };
-    let expected = format!("{bare}[least, most]; or a table of {}", one_of(&KEYS, '`'));
+    let expected = format!(
+        "{bare}[least, most]; or a table of {}",
+        one_of(&format::LIMIT.names(), '`')
+    );
     let is_number = written.is_integer() || written.is_float();
     if is_number && measure.bare == BareNumber::Nothing {
         let hint = "say whether it is the least or the most: `{ min = … }` or `{ max = … }`";
@@ -78,14 +79,15 @@ fn table_of(
     value: &Value<'_>,
     faults: &mut Faults,
 ) -> Option<Vec<Limit>> {
-    let table = faults.table(value, "a limit of [accept]", &KEYS)?;
-    if KEYS.iter().all(|key| table.get(key).is_none()) {
+    let table = faults.table(value, &format::LIMIT)?;
+    let keys = format::LIMIT.names();
+    if keys.iter().all(|key| table.get(key).is_none()) {
         let fault = Fault::new(
             Code::MissingKey,
             table.span,
             format!("{what} gives no limit"),
         );
-        faults.push(fault.expected(format!("one or more of {}", one_of(&KEYS, '`'))));
+        faults.push(fault.expected(format!("one or more of {}", one_of(&keys, '`'))));
         return None;
     }
     let mut end = |key: &str| match table.get(key) {

@@ -4,31 +4,14 @@ use std::collections::HashSet;
 
 use super::super::decode::{Faults, Table, Value};
 use super::super::diagnostic::{Code, Fault};
+use super::super::format::{
+    self, AXES, MAX_CANDIDATES, MAX_NAME, MAX_SWEEPS, MAX_VALUES, MAX_VARIED, STEPS, SWEPT_EDITS,
+};
 use super::super::resolved::Swept;
 use super::super::source::{Located, Span};
-use super::candidates::{
-    MAX_CANDIDATES, RawCandidate, RawEdit, RawStage, RawVector, number_of, tables, word_edit,
-};
-use super::{MAX_NAME, name};
+use super::candidates::{RawCandidate, RawEdit, RawStage, RawVector, number_of, tables, word_edit};
+use super::name;
 use crate::feature::Edit;
-
-/// The most sweeps of a plan, numbers varied by one, and values of a number.
-const MAX_SWEEPS: usize = 100;
-const MAX_VARIED: usize = 10;
-const MAX_VALUES: usize = 1000;
-
-/// The edits of which a number can be varied.
-const EDITS: [(&str, &str); 7] = [
-    ("move_tip", "move_tip"),
-    ("move_root", "move_root"),
-    ("project", "project"),
-    ("rotate", "rotate"),
-    ("lengthen", "lengthen"),
-    ("deviate", "deviate"),
-    ("width", "width"),
-];
-
-const AXES: [(&str, usize); 3] = [("x", 0), ("y", 1), ("z", 2)];
 
 /// A number of an edit, and the values that it takes.
 struct Varied {
@@ -39,24 +22,44 @@ struct Varied {
     values: Vec<Located<f64>>,
 }
 
+/// A sweep as it is written, its ranges as lists.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct RawSweep {
+    pub candidate: String,
+    /// What the names begin with.
+    pub name: String,
+    pub vary: Vec<RawVary>,
+}
+
+/// A number that a sweep varies.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct RawVary {
+    pub stage: String,
+    pub edit: &'static str,
+    pub axis: Option<&'static str>,
+    pub values: Vec<f64>,
+}
+
 /// Adds the candidates of every sweep to those that the plan gives.
 pub(super) fn sweeps(
     plan: &Table<'_, '_>,
     candidates: &mut Vec<RawCandidate>,
     faults: &mut Faults,
-) {
+) -> Vec<RawSweep> {
+    let mut sweeps = Vec::new();
     let Some(value) = plan.get("sweep") else {
-        return;
+        return sweeps;
     };
     let given = candidates.clone();
     let mut names: HashSet<String> = given.iter().filter_map(|of| of.name.clone()).collect();
     for item in tables(value, "[[sweep]]", MAX_SWEEPS, faults) {
-        let Some(table) = faults.table(item, "[[sweep]]", &["candidate", "name", "vary"]) else {
+        let Some(table) = faults.table(item, &format::SWEEP) else {
             continue;
         };
-        let Some(swept) = sweep(&table, &given, faults) else {
+        let Some((sweep, swept)) = sweep(&table, &given, faults) else {
             continue;
         };
+        sweeps.push(sweep);
         if candidates.len() + swept.len() > MAX_CANDIDATES {
             let message = "this sweep makes too many candidates";
             let fault = Fault::new(Code::TooMany, table.span, message);
@@ -66,7 +69,7 @@ pub(super) fn sweeps(
                     .found(found)
                     .expected(format!("at most {MAX_CANDIDATES} in a plan")),
             );
-            return;
+            return sweeps;
         }
         for candidate in swept {
             let name = candidate.name.clone().unwrap_or_default();
@@ -82,6 +85,7 @@ pub(super) fn sweeps(
             break;
         }
     }
+    sweeps
 }
 
 /// The candidates of a sweep; none after a fault.
@@ -89,7 +93,7 @@ fn sweep(
     table: &Table<'_, '_>,
     given: &[RawCandidate],
     faults: &mut Faults,
-) -> Option<Vec<RawCandidate>> {
+) -> Option<(RawSweep, Vec<RawCandidate>)> {
     let prefix = match table.get("name") {
         Some(_) => Some(name(table, "`sweep.name`", faults)?),
         None => None,
@@ -163,12 +167,34 @@ fn sweep(
         faults.push(fault.expected(format!("at most {MAX_NAME} characters")));
         return None;
     }
-    Some(made)
+    let vary = varied.iter().map(|one| RawVary {
+        stage: stage_name(one, base),
+        edit: one.word,
+        axis: axis_name(one),
+        values: one.values.iter().map(|value| value.value).collect(),
+    });
+    let sweep = RawSweep {
+        candidate: base.name.clone()?,
+        name: prefix,
+        vary: vary.collect(),
+    };
+    Some((sweep, made))
+}
+
+fn stage_name(of: &Varied, base: &RawCandidate) -> String {
+    let stage = base.stages.get(of.stage);
+    stage
+        .and_then(|stage| stage.name.clone())
+        .unwrap_or_default()
+}
+
+fn axis_name(of: &Varied) -> Option<&'static str> {
+    let (name, _) = AXES.get(of.axis?)?;
+    Some(name)
 }
 
 fn varied(item: &Value<'_>, base: &RawCandidate, faults: &mut Faults) -> Option<Varied> {
-    let known = ["stage", "edit", "axis", "values", "from", "to", "steps"];
-    let table = faults.table(item, "[[sweep.vary]]", &known)?;
+    let table = faults.table(item, &format::VARY)?;
     let stages: Vec<(&str, usize)> = base
         .stages
         .iter()
@@ -188,7 +214,7 @@ fn varied(item: &Value<'_>, base: &RawCandidate, faults: &mut Faults) -> Option<
         );
         return None;
     };
-    let word = faults.word(value, "`sweep.vary.edit`", &EDITS)?;
+    let word = faults.word(value, "`sweep.vary.edit`", &SWEPT_EDITS)?;
     let edit = the_edit(base.stages.get(stage)?, word, value.span().into(), faults)?;
     let has_axes = matches!(word, "move_tip" | "move_root");
     let axis = match table.get("axis") {
@@ -280,10 +306,9 @@ fn values(table: &Table<'_, '_>, word: &str, faults: &mut Faults) -> Option<Vec<
         }
         let from = number_of(word, table.get("from")?, "`sweep.vary.from`", faults);
         let to = number_of(word, table.get("to")?, "`sweep.vary.to`", faults);
-        let wanted = format!("a whole number from 2 to {MAX_VALUES}");
-        let fits = |steps: i64| (2..=MAX_VALUES as i64).contains(&steps);
-        let steps =
-            faults.integer_where(table.get("steps")?, "`sweep.vary.steps`", &wanted, fits)?;
+        let wanted = format!("a whole number {STEPS}");
+        let steps = table.get("steps")?;
+        let steps = faults.integer_in(steps, "`sweep.vary.steps`", &wanted, STEPS)?;
         let (from, to) = (from?, to?);
         if from == to {
             faults.bad_value(
@@ -364,11 +389,7 @@ fn made(number: usize, prefix: &str, base: &RawCandidate, varied: &[Varied]) -> 
             .filter(|other| (other.word, other.axis) == (one.word, one.axis))
             .count()
             == 1;
-        let stage = base
-            .stages
-            .get(one.stage)
-            .and_then(|stage| stage.name.clone())
-            .unwrap_or_default();
+        let stage = stage_name(one, base);
         if !alone {
             name.push('-');
             name.push_str(&stage);
@@ -396,8 +417,8 @@ fn made(number: usize, prefix: &str, base: &RawCandidate, varied: &[Varied]) -> 
 
 /// The edit, and the component of it where it has several.
 fn label(of: &Varied) -> String {
-    match of.axis.and_then(|axis| AXES.get(axis)) {
-        Some((axis, _)) => format!("{} {axis}", of.word),
+    match axis_name(of) {
+        Some(axis) => format!("{} {axis}", of.word),
         None => of.word.to_owned(),
     }
 }
