@@ -42,7 +42,7 @@ fn a_run_on_slices_is_that_on_the_same_head_in_nifti() {
     for (name, bytes) in &ours {
         let same = match name.as_str() {
             // These name the plan, and the list holds their hashes.
-            "run.json" | "table.md" | ".rhinoplan.files" => continue,
+            "run.json" | "table.md" | ".rhinoplan.files" | "plan.effective.toml" => continue,
             gz if gz.ends_with(".nii.gz") && gz.contains("volume") => {
                 let read = |plan: &str| {
                     let path = desk.path().join("out").join(plan).join(gz);
@@ -126,6 +126,11 @@ fn nothing_of_the_patient_reaches_an_output() {
     desk.write("plan.toml", text);
     let ran = desk.run(&["run", "plan.toml", "--json"]).expect(0);
     let mut outputs: BTreeMap<String, Vec<u8>> = desk.files("out");
+    // The effective plan repeats what the plan calls the CT, in this one line.
+    let effective = outputs.get_mut("private/plan.effective.toml").unwrap();
+    let text = String::from_utf8(effective.clone()).unwrap();
+    assert_eq!(text.matches("\npath = \"Doe^Jane\"\n").count(), 1);
+    *effective = text.replace("\npath = \"Doe^Jane\"\n", "\n").into_bytes();
     for kind in [
         ".nii.gz", ".nrrd", ".png", ".svg", ".stl", ".ply", ".json", ".csv", ".md",
     ] {
@@ -230,6 +235,16 @@ fn several_series_are_chosen_among_by_info_and_by_plans() {
     desk.run(&["run", "plan.toml"]).expect(0);
     let record = std::fs::read_to_string(desk.path().join("out/chosen/run.json")).unwrap();
     assert!(!record.contains(SERIES));
+
+    // The effective plan names the series that the plan names, and runs to the same.
+    let effective = std::fs::read(desk.path().join("out/chosen/plan.effective.toml")).unwrap();
+    desk.write("again.toml", effective);
+    desk.run(&["run", "again.toml", "--out", "again"]).expect(0);
+    let (mut first, mut again) = (desk.results("out/chosen"), desk.results("again/chosen"));
+    for files in [&mut first, &mut again] {
+        assert!(files.remove("run.json").is_some());
+    }
+    assert!(first == again);
 
     desk.write("ct.nii", head());
     desk.write("plan.toml", text.replace("Doe^Jane", "ct.nii"));
