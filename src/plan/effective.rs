@@ -5,7 +5,7 @@
 //! the millimetres of a length in voxels, stands behind the value as a comment.
 
 use std::fmt::Write as _;
-use std::path::{Component, Path};
+use std::path::Path;
 
 use super::raw::{Frame, RawCt, RawEdit, RawLength, RawPlan, RawVary, RawVector};
 use super::resolve;
@@ -16,6 +16,9 @@ use super::resolved::{
 use crate::compare::{Accept, Limit, Quantity};
 use crate::feature::{Edit, Landmark};
 use crate::space::Grid;
+
+/// What the name of a CT can end with, by which it is read; a folder of slices and one of them have none.
+const CT_ENDINGS: [&str; 3] = [".nii.gz", ".nii", ".nrrd"];
 
 /// What a run found out that the plan does not say.
 #[derive(Debug, Clone, Copy)]
@@ -82,8 +85,7 @@ impl Document {
 /// can have. `ran` is the plan as it ran, its landmarks moved where it asks for that.
 pub(super) fn plan(raw: &RawPlan, ran: &Plan, found: Found<'_>) -> Option<String> {
     let mut to = Document::default();
-    to.line("# A plan with every value that its run used, those that it does not give filled in.");
-    to.line("# Paths are relative to the folder of the plan itself: to run this, put it there.");
+    to.line("# A plan with every value that its run used, defaults included.");
     to.key("plan", super::format::FORMAT.to_string());
     to.key("name", text(&ran.name));
     to.optional("title", ran.title.as_deref().map(text));
@@ -114,25 +116,23 @@ pub(super) fn plan(raw: &RawPlan, ran: &Plan, found: Found<'_>) -> Option<String
     Some(to.0)
 }
 
-/// The path as the plan gives it, without the folders of one that begins at the root of a disk: they are of the machine.
-fn portable(path: &Path) -> String {
-    let is_of_a_machine = matches!(
-        path.components().next(),
-        Some(Component::RootDir | Component::Prefix(_))
-    );
-    if is_of_a_machine {
-        let name = path.file_name().unwrap_or(".".as_ref());
-        return name.to_string_lossy().into_owned();
-    }
-    path.to_string_lossy().into_owned()
+/// What the CT is called in an effective plan: its own name can be the patient's.
+fn neutral_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.to_ascii_lowercase();
+    let ending = CT_ENDINGS.into_iter().find(|ending| name.ends_with(ending));
+    format!("ct{}", ending.unwrap_or_default())
 }
 
 fn ct(ct: &RawCt, found: Found<'_>, to: &mut Document) {
     to.table("[ct]");
     match ct {
         RawCt::File { path, series, .. } => {
-            to.key("path", text(&portable(path)));
-            to.optional("series", series.as_deref().map(text));
+            to.line("# Names are left out, as they can be a patient's: put the CT at this path, or put its own path here.");
+            to.key("path", text(&neutral_name(path)));
+            if series.is_some() {
+                to.line("# series: the one of the plan; needed where the folder holds several.");
+            }
             to.key("sha256", text(found.ct_sha256));
         }
         RawCt::Phantom(phantom) => to.key("phantom", text(phantom.name())),
@@ -402,16 +402,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_path_of_this_machine_keeps_its_name_alone() {
+    fn the_name_of_a_ct_is_left_out_but_for_its_kind() {
         for (path, shown) in [
-            ("ct.nii.gz", "ct.nii.gz"),
-            ("../cts/ct.nii.gz", "../cts/ct.nii.gz"),
-            ("./slices", "./slices"),
-            ("/home/someone/cts/ct.nii.gz", "ct.nii.gz"),
-            ("/home/someone/slices/", "slices"),
-            ("/", "."),
+            ("doe-jane.nii.gz", "ct.nii.gz"),
+            ("../DOE/JANE.NII", "ct.nii"),
+            ("/home/someone/cts/jane.nrrd", "ct.nrrd"),
+            ("Doe^Jane/", "ct"),
+            ("slices/Doe^Jane.dcm", "ct"),
+            ("/", "ct"),
+            ("..", "ct"),
         ] {
-            assert_eq!(portable(Path::new(path)), shown);
+            assert_eq!(neutral_name(Path::new(path)), shown);
         }
     }
 

@@ -35,7 +35,7 @@ smooth = { mm = 1 }
 
 [segment]
 skin_hu = "otsu"
-bone_hu = 46
+bone_hu = 20
 keep_largest = false
 
 [morph]

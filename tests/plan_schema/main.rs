@@ -152,7 +152,7 @@ fn probes(schema: &Value) -> Vec<Value> {
         json!(-0.5),
         json!(179.5),
         json!(-180),
-        json!(1e9),
+        json!(1_000_000_000),
         json!([]),
         json!([1, 2, 3]),
         json!([0.5, -1.5]),

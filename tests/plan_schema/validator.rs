@@ -44,8 +44,14 @@ pub fn beyond_a_schema(fault: &Diagnostic) -> Option<&'static str> {
         Code::OutsideVolume | Code::WrongSide | Code::Orientation | Code::BadEdit => {
             Some("it is about where points are in the CT, or what edits add up to")
         }
+        Code::BadValue if fault.message == "f1 has no direction" => {
+            Some("it is about two points in one place")
+        }
         Code::LandmarkFile | Code::Ct => Some("it is about what another file holds"),
         Code::BadValue if fault.message.contains("is not above the skin threshold") => {
+            Some("it is about which of two numbers is larger")
+        }
+        Code::BadValue if fault.message.contains(" allows nothing") => {
             Some("it is about which of two numbers is larger")
         }
         Code::DuplicateName if fault.message.starts_with("another ") => {
@@ -78,9 +84,16 @@ pub fn beyond_a_schema(fault: &Diagnostic) -> Option<&'static str> {
     }
 }
 
-/// Whether an integer was expected, and there is a number such as 3.0.
+/// Whether a key of an integer has a number such as 3.0.
 fn is_whole_with_a_point(fault: &Diagnostic) -> bool {
+    let integers = [
+        "`plan`",
+        "`enhance.median`",
+        "`views.size`",
+        "`mesh.triangles`",
+    ];
+    let is_integer = integers.iter().any(|key| fault.message.starts_with(key));
     let found = fault.found.as_deref().unwrap_or_default();
     let number = found.parse::<f64>();
-    number.is_ok_and(|number| number.fract() == 0.0) && found.contains(['.', 'e'])
+    is_integer && number.is_ok_and(|number| number.fract() == 0.0) && found.contains(['.', 'e'])
 }

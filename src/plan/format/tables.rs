@@ -714,6 +714,15 @@ const fn limit(measure: &Measure) -> Key {
     )
 }
 
+/// What a limit of a measure can have, where it is a table.
+pub(in super::super) const fn limit_of(measure: &Measure) -> &'static TableFormat {
+    if measure.has_percent {
+        &LIMIT
+    } else {
+        &LIMIT_WITHOUT_PERCENT
+    }
+}
+
 const SIZED: &[Kind] = &[Kind::Interval, Kind::Table(&LIMIT)];
 const PLACED: &[Kind] = &[Kind::Interval, Kind::Table(&LIMIT_WITHOUT_PERCENT)];
 const EXTREME: &[Kind] = &[
@@ -747,15 +756,15 @@ const CHANGE_PERCENT: Key = key(
     "The same in percent of what it was.",
 );
 
-pub(in super::super) static LIMIT: TableFormat = TableFormat {
-    name: "a limit of [accept]",
+static LIMIT: TableFormat = TableFormat {
+    name: "a limit of a volume, an angle or a height",
     about: "One or more limits of a measure.",
     keys: &[MIN, MAX, CHANGE, CHANGE_PERCENT],
 };
 
 /// Of a measure that has no percentage: a position, a movement, an extreme.
-pub(in super::super) static LIMIT_WITHOUT_PERCENT: TableFormat = TableFormat {
-    name: "a limit of [accept]",
+static LIMIT_WITHOUT_PERCENT: TableFormat = TableFormat {
+    name: "a limit of a position, a movement or an extreme",
     about: "One or more limits of a measure.",
     keys: &[MIN, MAX, CHANGE],
 };

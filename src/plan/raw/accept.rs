@@ -58,7 +58,7 @@ fn limits_of(
     };
     let expected = format!(
         "{bare}[least, most]; or a table of {}",
-        one_of(&format::LIMIT.names(), '`')
+        one_of(&format::limit_of(measure).names(), '`')
     );
     let is_number = written.is_integer() || written.is_float();
     if is_number && measure.bare == BareNumber::Nothing {
@@ -79,9 +79,14 @@ fn table_of(
     value: &Value<'_>,
     faults: &mut Faults,
 ) -> Option<Vec<Limit>> {
-    let table = faults.table(value, &format::LIMIT)?;
-    let keys = format::LIMIT.names();
-    if keys.iter().all(|key| table.get(key).is_none()) {
+    let format = format::limit_of(measure);
+    let table = faults.table(value, format)?;
+    let keys = format.names();
+    if value
+        .get_ref()
+        .as_table()
+        .is_some_and(|table| table.is_empty())
+    {
         let fault = Fault::new(
             Code::MissingKey,
             table.span,
@@ -124,14 +129,6 @@ fn table_of(
         let Some(value) = table.get(key) else {
             continue;
         };
-        if of == Quantity::ChangePercent && !measure.has_percent {
-            let message = format!("{what} has no change in percent");
-            let fault = Fault::new(Code::Conflict, table.key_place(key), message);
-            let hint = "limit the change itself: `{ change = [least, most] }`".to_owned();
-            let fault = fault.found(format!("`{key}` of a position, a movement or an extreme"));
-            faults.push(fault.expected(format!("no `{key}`")).hint(hint));
-            continue;
-        }
         let what = format!("{what}, `{key}`,");
         if let Some([min, max]) = interval(value, &what, faults) {
             limits.push(Limit {

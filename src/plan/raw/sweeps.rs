@@ -94,19 +94,23 @@ fn sweep(
     given: &[RawCandidate],
     faults: &mut Faults,
 ) -> Option<(RawSweep, Vec<RawCandidate>)> {
-    let prefix = match table.get("name") {
-        Some(_) => Some(name(table, "`sweep.name`", faults)?),
-        None => None,
+    // Faults do not hide each other.
+    let prefix = table
+        .get("name")
+        .map(|_| name(table, "`sweep.name`", faults));
+    let base = match table.get("candidate") {
+        None => {
+            let expected = "the name of the candidate that is varied";
+            faults.missing(table, "candidate", expected);
+            None
+        }
+        Some(value) => {
+            let known = given
+                .iter()
+                .filter_map(|of| Some((of.name.as_deref()?, of)));
+            faults.word(value, "`sweep.candidate`", &known.collect::<Vec<_>>())
+        }
     };
-    let expected = "the name of the candidate that is varied";
-    let Some(value) = table.get("candidate") else {
-        faults.missing(table, "candidate", expected);
-        return None;
-    };
-    let known = given
-        .iter()
-        .filter_map(|of| Some((of.name.as_deref()?, of)));
-    let base = faults.word(value, "`sweep.candidate`", &known.collect::<Vec<_>>())?;
     let expected = "at least one [[sweep.vary]] below each [[sweep]]";
     let Some(vary) = table.get("vary") else {
         faults.missing(table, "vary", expected);
@@ -122,6 +126,11 @@ fn sweep(
         .map(|item| varied(item, base, faults))
         .collect();
     let varied = varied.into_iter().collect::<Option<Vec<Varied>>>()?;
+    let base = base?;
+    let prefix = match prefix {
+        None => None,
+        Some(prefix) => Some(prefix?),
+    };
     for (at, one) in varied.iter().enumerate() {
         let same = |other: &&Varied| {
             (other.stage, other.edit, other.axis) == (one.stage, one.edit, one.axis)
@@ -193,60 +202,79 @@ fn axis_name(of: &Varied) -> Option<&'static str> {
     Some(name)
 }
 
-fn varied(item: &Value<'_>, base: &RawCandidate, faults: &mut Faults) -> Option<Varied> {
+/// What is varied, of the candidate `base` where that is known.
+fn varied(item: &Value<'_>, base: Option<&RawCandidate>, faults: &mut Faults) -> Option<Varied> {
     let table = faults.table(item, &format::VARY)?;
-    let stages: Vec<(&str, usize)> = base
-        .stages
-        .iter()
-        .enumerate()
-        .filter_map(|(at, stage)| Some((stage.name.as_deref()?, at)))
-        .collect();
+    let stage = stage_of(&table, base, faults);
+    let word = word_of(&table, faults);
+    let edit = match (base, stage, word, table.get("edit")) {
+        (Some(base), Some(stage), Some(word), Some(value)) => base
+            .stages
+            .get(stage)
+            .and_then(|stage| the_edit(stage, word, value.span().into(), faults)),
+        _ => None,
+    };
+    let axis = word.and_then(|word| axis_of(&table, word, faults));
+    let values = values(&table, word.unwrap_or_default(), faults);
+    Some(Varied {
+        stage: stage?,
+        edit: edit?,
+        word: word?,
+        axis: axis?,
+        values: values?,
+    })
+}
+
+/// The place of the stage that is named.
+fn stage_of(
+    table: &Table<'_, '_>,
+    base: Option<&RawCandidate>,
+    faults: &mut Faults,
+) -> Option<usize> {
+    let expected = "the name of a stage of the candidate";
     let Some(value) = table.get("stage") else {
-        faults.missing(&table, "stage", "the name of a stage of the candidate");
+        faults.missing(table, "stage", expected);
         return None;
     };
-    let stage = faults.word(value, "`sweep.vary.stage`", &stages)?;
+    let what = "`sweep.vary.stage`";
+    let Some(base) = base else {
+        faults.string(value, what, expected)?;
+        return None;
+    };
+    let stages = base.stages.iter().enumerate();
+    let stages = stages.filter_map(|(at, stage)| Some((stage.name.as_deref()?, at)));
+    faults.word(value, what, &stages.collect::<Vec<_>>())
+}
+
+fn word_of(table: &Table<'_, '_>, faults: &mut Faults) -> Option<&'static str> {
     let Some(value) = table.get("edit") else {
-        faults.missing(
-            &table,
-            "edit",
-            "the name of an edit of the stage, as \"rotate\"",
-        );
+        let expected = "the name of an edit of the stage, as \"rotate\"";
+        faults.missing(table, "edit", expected);
         return None;
     };
-    let word = faults.word(value, "`sweep.vary.edit`", &SWEPT_EDITS)?;
-    let edit = the_edit(base.stages.get(stage)?, word, value.span().into(), faults)?;
+    faults.word(value, "`sweep.vary.edit`", &SWEPT_EDITS)
+}
+
+/// The component that is varied, where the edit is a vector; none after a fault.
+fn axis_of(table: &Table<'_, '_>, word: &str, faults: &mut Faults) -> Option<Option<usize>> {
     let has_axes = matches!(word, "move_tip" | "move_root");
-    let axis = match table.get("axis") {
-        Some(value) if has_axes => Some(faults.word(value, "`sweep.vary.axis`", &AXES)?),
+    match table.get("axis") {
+        Some(value) if has_axes => faults.word(value, "`sweep.vary.axis`", &AXES).map(Some),
         None if has_axes => {
-            faults.missing(
-                &table,
-                "axis",
-                "\"x\", \"y\" or \"z\", the component that is varied",
-            );
-            return None;
+            let expected = "\"x\", \"y\" or \"z\", the component that is varied";
+            faults.missing(table, "axis", expected);
+            None
         }
         Some(_) => {
             let message = format!("`{word}` is one number and has no axes");
             let fault = Fault::new(Code::Conflict, table.key_place("axis"), message);
             let fault = fault.found(format!("`axis` with `edit = \"{word}\"`"));
-            faults.push(
-                fault
-                    .expected("no `axis`")
-                    .hint("remove this key".to_owned()),
-            );
-            return None;
+            let hint = "remove this key".to_owned();
+            faults.push(fault.expected("no `axis`").hint(hint));
+            None
         }
-        None => None,
-    };
-    Some(Varied {
-        stage,
-        edit,
-        word,
-        axis,
-        values: values(&table, word, faults)?,
-    })
+        None => Some(None),
+    }
 }
 
 /// The place of the one edit of this name in a stage.

@@ -7,6 +7,7 @@ use super::super::format::{
 };
 use super::super::raw::LINE_EDITS;
 use super::super::resolved::{CutPlane, Object, Side};
+use crate::compare::MEASURES;
 use crate::feature::{FeatureKind, Landmark};
 
 /// The rules that tables of this format keep.
@@ -26,7 +27,7 @@ pub(super) fn of(format: &TableFormat) -> Vec<Value> {
         vary()
     } else if is(&format::VIEWS) {
         views()
-    } else if is(&format::ACCEPT) || is(&format::LIMIT) {
+    } else if is(&format::ACCEPT) || MEASURES.iter().any(|of| is(format::limit_of(of))) {
         vec![json!({ "minProperties": 1 })]
     } else if is(&format::CLIP) {
         [CutPlane::Sagittal, CutPlane::Coronal, CutPlane::Axial]
