@@ -5,6 +5,7 @@
 
 mod args;
 mod commands;
+mod outcomes;
 mod output;
 mod progress;
 
@@ -67,11 +68,12 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
             plans,
             out,
             dry_run,
-            ..
-        } if *dry_run => commands::dry_run(plans, out, output),
-        Command::Run {
-            plans, out, strict, ..
-        } => commands::run(plans, out, *strict, output),
+            strict,
+            how,
+        } => match (dry_run, how) {
+            (true, how) => commands::dry_run(plans, out, how, output),
+            (false, how) => commands::run(plans, out, *strict, how, output),
+        },
         Command::Compare { folders, out } => commands::compare(folders, out, output),
         Command::Check { plans } => commands::check(plans, output),
         Command::Info { ct, series } => commands::info(ct, series.as_deref(), output),

@@ -3,10 +3,13 @@
 //! [`preflight`] turns plan files into [`Ready`] plans or every reason why not. [`run()`] computes one of
 //! them and tells an [`Observer`] how it goes. Neither knows a terminal.
 
+mod batch;
+mod candidate;
 pub mod comparison;
 pub mod ct;
 pub mod error;
 pub mod events;
+mod kept;
 pub mod landmarks;
 mod meshes;
 pub mod nose;
@@ -20,8 +23,10 @@ pub mod skin_landmarks;
 mod surfaces;
 mod timings;
 
+pub use batch::{Part, selected};
 pub use comparison::{CompareError, CompareReport, compare};
 pub use error::{ExitCode, RunError};
 pub use events::{Event, Observer, Phase, Place};
+pub use kept::{Because, NUMERIC_VERSION, Reasons, StageReason};
 pub use preflight::{Ready, Refusal, check_folders, prepare};
-pub use run::{RunReport, run};
+pub use run::{CandidateOutcome, RunOptions, RunReport, Step, reasons, run, steps};

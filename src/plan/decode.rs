@@ -440,7 +440,8 @@ fn home(key: &str) -> Option<&'static str> {
         "f1" => "[[candidate.stage]]",
         "move_tip" | "move_root" | "tip_to" | "root_to" | "project" | "rotate" | "lengthen"
         | "deviate" | "width" => "the array `f1` of a [[candidate.stage]]",
-        "min" | "max" | "change" | "change_percent" => "a limit of [accept]",
+        "min" | "max" | "change" => "a limit of [accept]",
+        "change_percent" => "a limit of a volume, an angle or a height",
         measure if crate::compare::measure(measure).is_some() => "[accept]",
         _ => return None,
     })

@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 
 use compare::{compare, side_by_side};
 use image::RgbImage;
-use rhinoplan::exec;
 use rhinoplan::exec::events::Silent;
+use rhinoplan::exec::{self, RunOptions};
 use rhinoplan::picture::encode_png;
 
 /// Renews the golden pictures where it is set.
@@ -101,7 +101,9 @@ fn check(gallery: &Gallery) {
     // Not what this is about, and most of the time.
     ready[0].plan.outputs.volume = false;
     ready[0].plan.outputs.displacement = false;
-    let drawn = exec::run(&ready[0], out.path(), &Silent).unwrap().folder;
+    let drawn = exec::run(&ready[0], out.path(), &RunOptions::default(), &Silent)
+        .unwrap()
+        .folder;
     let mut wrong = Vec::new();
     for picture in gallery.pictures {
         let name = golden_name(gallery, picture);
