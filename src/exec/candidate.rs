@@ -41,8 +41,10 @@ pub(super) struct Bench<'a, T> {
     pub start: StageRecord,
     /// Where anything is computed that is drawn or meshed.
     pub surfaces: Option<Surfaces<'a>>,
-    /// Where anything is computed, and skins are compared.
+    /// Where skins are compared, and not all of them are kept.
     pub skins: Option<Skins>,
+    /// Whether what compares candidates is made, and not kept.
+    pub compares: bool,
 }
 
 /// A candidate that was computed, or kept.
@@ -102,9 +104,8 @@ impl<T: Sample> Bench<'_, T> {
                         clock.tell(&Event::Warning(warning.clone()));
                     }
                     finished.kept += 1;
-                    if is_last && Skins::are_wanted(self.plan) {
-                        let bytes = kept::read_beside(self.staging, &name, Beside::Skin)?;
-                        finished.skin = SeenSkin::from_bytes(self.preoperative.grid(), &bytes);
+                    if is_last && self.compares && self.keys.skins.is_some() {
+                        finished.skin = self.kept_skin(candidate, hit, clock)?;
                     }
                     before = None;
                     hit.found().clone()
@@ -115,8 +116,10 @@ impl<T: Sample> Bench<'_, T> {
                         before => before,
                     };
                     let computed = self.stage(candidate, place, source, clock)?;
+                    let mut computed = computed;
                     if is_last {
                         finished.skin = self.skin(&computed.volume, candidate, stage, clock)?;
+                        computed.note.skin.clone_from(&self.keys.skins);
                     }
                     let png = computed.tiles.as_ref().map(encode_png).transpose();
                     finished.tiles = png.map_err(PicturesError::from)?;
@@ -161,6 +164,35 @@ impl<T: Sample> Bench<'_, T> {
             before = Some(operation.volume(self.preoperative, source, at, clock)?);
         }
         Ok(before)
+    }
+
+    /// The skin of a candidate of which the last stage is kept. Where it is kept for another box, as that depends on
+    /// all candidates, it is found again.
+    fn kept_skin(
+        &self,
+        candidate: &Candidate,
+        hit: &Hit<StageNote>,
+        clock: &mut Clock<'_>,
+    ) -> Result<Option<SeenSkin>, RunError> {
+        let last = candidate.stages.len() - 1;
+        let name = stage_name(candidate, last);
+        if hit.found().skin == self.keys.skins {
+            let bytes = kept::read_beside(self.staging, &name, Beside::Skin)?;
+            return Ok(SeenSkin::from_bytes(self.preoperative.grid(), &bytes));
+        }
+        let stage = &candidate.stages[last];
+        let before = self.volume_before(candidate, last, clock)?;
+        let operation = Operation::new(self.plan, candidate, last, self.preoperative.grid())?;
+        let source = before.as_ref().unwrap_or(self.preoperative);
+        let at = place_of(candidate, stage);
+        let volume = operation.volume(self.preoperative, source, at, clock)?;
+        drop(before);
+        let skin = self.skin(&volume, candidate, stage, clock)?;
+        if let Some(skin) = &skin {
+            let depends_on = self.keys.skins.clone();
+            hit.with_skin(self.staging, &skin.to_bytes(), depends_on)?;
+        }
+        Ok(skin)
     }
 
     /// The skin that a candidate ends with, where skins are compared.
@@ -249,6 +281,7 @@ impl<T: Sample> Bench<'_, T> {
             inverse,
             warnings,
             profile: drawn.profile,
+            skin: None,
         };
         Ok(Computed {
             volume,

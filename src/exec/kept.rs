@@ -18,7 +18,7 @@ use super::pictures::nose_of_all;
 use super::run::{Step, stage_folder, stage_folder_name};
 use super::surfaces;
 use crate::compare::SurfaceDifference;
-use crate::feature::{Cage, FeatureLine, NoseBox};
+use crate::feature::{Cage, FeatureLine};
 use crate::io::artifact::{ArtifactError, save};
 use crate::io::digest::sha256_hex;
 use crate::io::staging::{Earlier, Found, Lost, Staging};
@@ -89,6 +89,9 @@ pub(super) struct Keys {
     /// For each candidate of the plan, for each stage.
     pub stages: Vec<Vec<Key>>,
     pub joint: Key,
+    /// What the skins of candidates depend on beside that: the box that they are compared in. None where they are
+    /// not compared.
+    pub skins: Option<String>,
 }
 
 impl Keys {
@@ -120,10 +123,17 @@ impl Keys {
         joint.part("titles and names", &(&plan.title, titles))?;
         let stages_of_all: Vec<_> = chosen.map(|(_, keys)| keys).collect();
         joint.part("the candidates", &stages_of_all)?;
+        let skins = if Skins::are_wanted(plan) {
+            let text = serde_json::to_vec(&nose_of_all(plan))?;
+            Some(blake3::hash(&text).to_hex().to_string())
+        } else {
+            None
+        };
         Ok(Self {
             start,
             stages,
             joint,
+            skins,
         })
     }
 
@@ -138,10 +148,8 @@ impl Keys {
             key.part("its edits", &own)?;
             key.part("its names", &(&candidate.name, &stage.name))?;
             let is_last = place + 1 == candidate.stages.len();
-            let compared = is_last && Skins::are_wanted(plan);
-            let region: Option<NoseBox> = compared.then(|| nose_of_all(plan));
             let on_sheet = is_last && plan.outputs.views && plan.candidates.len() > 1;
-            key.part("how it is compared", &(on_sheet, region))?;
+            key.part("whether it is on a contact sheet", &on_sheet)?;
             keys.push(key);
             before.push(serde_json::to_value(own)?);
         }
@@ -206,6 +214,8 @@ pub(super) struct StageNote {
     pub warnings: Vec<String>,
     /// The skin in the midplane, where charts are drawn.
     pub profile: Option<Vec<GridPoint>>,
+    /// What the skin beside the note depends on, [`Keys::skins`], where there is one.
+    pub skin: Option<String>,
 }
 
 impl StageNote {
@@ -222,6 +232,7 @@ impl StageNote {
             inverse: None,
             warnings: Vec::new(),
             profile: None,
+            skin: None,
         }
     }
 }
@@ -352,6 +363,30 @@ fn parse<N: DeserializeOwned>(bytes: &[u8]) -> Option<Note<N>> {
     serde_json::from_slice(text).ok()
 }
 
+impl Hit<StageNote> {
+    /// The note with another skin.
+    pub(super) fn with_skin(
+        &self,
+        staging: &Staging,
+        skin: &[u8],
+        depends_on: Option<String>,
+    ) -> Result<(), RunError> {
+        let tiles = Beside::Tiles.ending();
+        let tiles = match self.note.beside.iter().any(|(name, _)| name == tiles) {
+            true => Some(read_beside(staging, &self.name, Beside::Tiles)?),
+            false => None,
+        };
+        let mut beside = vec![(Beside::Skin, skin)];
+        beside.extend(tiles.iter().map(|bytes| (Beside::Tiles, &bytes[..])));
+        let found = StageNote {
+            skin: depends_on,
+            ..self.note.found.clone()
+        };
+        let (key, files) = (&self.note.key, self.note.files.clone());
+        note(staging, &self.name, key, &found, files, &beside)
+    }
+}
+
 impl<N: Serialize> Hit<N> {
     /// What was noted.
     pub(super) fn found(&self) -> &N {
@@ -472,6 +507,15 @@ impl Outlook {
             candidates,
             joint,
         }
+    }
+
+    /// Whether the skins of all candidates are at hand, as the plan compares them.
+    pub(super) fn has_skins(&self, keys: &Keys) -> bool {
+        let of_last = |stages: &[Result<Hit<StageNote>, _>]| match stages.last() {
+            Some(Ok(hit)) => hit.note.found.skin == keys.skins,
+            _ => false,
+        };
+        self.candidates.iter().all(|(_, stages)| of_last(stages))
     }
 
     /// Makes what is kept that of this run, and removes the rest of what killed runs left.

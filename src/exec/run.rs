@@ -206,11 +206,11 @@ pub fn run(
     );
     drop::<Input>(input);
     clock.time(Phase::Publish, None, || {
+        write_tables(&staging, &record)?;
         if let Some(text) = effective {
             let path = staging.begin_unlisted("plan.effective.toml")?;
             save(&path, text.as_bytes())?;
         }
-        write_tables(&staging, &record)?;
         staging.digest(Path::new(""))?;
         Ok::<_, RunError>(())
     })?;
@@ -339,8 +339,13 @@ fn compute<T: Sample>(
         note: start,
         tiles,
         surfaces,
-        skins,
     } = begin(plan, input.skin_hu, preoperative, to, clock)?;
+    let compares = to.outlook.joint.is_err();
+    let mut skins = None;
+    if Skins::are_wanted(plan) && compares && !to.outlook.has_skins(to.keys) {
+        let find = || Skins::new(plan, input.skin_hu, preoperative);
+        skins = Some(clock.time(Phase::Skins, None, find)?);
+    }
     let mut first = StageRecord::preoperative(start.measures);
     first.meshes = start.meshes;
     let bench = Bench {
@@ -361,6 +366,7 @@ fn compute<T: Sample>(
         start: first,
         surfaces,
         skins,
+        compares,
     };
     let run = |at: usize, outlook: &[_], clock: &mut Clock<'_>| bench.candidate(at, outlook, clock);
     let workers = batch::workers(plan, preoperative, to.options.memory);
@@ -436,7 +442,6 @@ struct Begun<'a> {
     /// Its pictures on the contact sheet, as PNG, where it was drawn.
     tiles: Option<Vec<u8>>,
     surfaces: Option<Surfaces<'a>>,
-    skins: Option<Skins>,
 }
 
 /// The nose as it is: measured, drawn and meshed, or kept.
@@ -457,7 +462,6 @@ fn begin<'a, T: Sample>(
             note,
             tiles: None,
             surfaces: None,
-            skins: None,
         });
     }
     let measures = clock
@@ -477,11 +481,6 @@ fn begin<'a, T: Sample>(
         let (made, found) = Surfaces::begin(plan, skin_hu, hu, to.staging, clock)?;
         (surfaces, drawn) = (Some(made), found);
     }
-    let mut skins = None;
-    if Skins::are_wanted(plan) {
-        let find = || Skins::new(plan, skin_hu, preoperative);
-        skins = Some(clock.time(Phase::Skins, None, find)?);
-    }
     let note = StageNote {
         warnings: warning.into_iter().collect(),
         profile: drawn.profile,
@@ -498,7 +497,6 @@ fn begin<'a, T: Sample>(
         note,
         tiles,
         surfaces,
-        skins,
     })
 }
 

@@ -64,12 +64,15 @@ fn voxels_are_not_read() {
     let half = packed.len() / 2;
     packed[half..].fill(0xff);
     desk.write("ct.nii.gz", &packed);
-    for command in [&["check"][..], &["run", "--dry-run"]] {
+    for command in [&["check"][..], &["run", "--dry-run", "--out", "new"]] {
         let ran = desk.run(&[command, &["plan.toml"]].concat()).expect(0);
         assert_eq!(ran.err, "");
     }
-    let ran = desk.run(&["run", "plan.toml"]).expect(3);
-    assert!(ran.err.contains("gzip stream is damaged"), "{ran:?}");
+    // Where there are results to hold against it, it is read.
+    for command in [&["run"][..], &["run", "--dry-run"]] {
+        let ran = desk.run(&[command, &["plan.toml"]].concat()).expect(3);
+        assert!(ran.err.contains("gzip stream is damaged"), "{ran:?}");
+    }
 }
 
 #[test]

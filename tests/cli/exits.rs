@@ -34,7 +34,7 @@ fn what_is_asked_for_goes_to_stdout_and_nothing_else_does() {
     for command in [
         &["check", "plan.toml"][..],
         &["run", "--dry-run", "plan.toml"],
-        &["run", "plan.toml"],
+        &["run", "--force", "plan.toml"],
         &["info", "ct.nii"],
         &["--help"],
         &["--version"],
@@ -62,7 +62,10 @@ fn a_command_line_that_means_nothing() {
     desk.write("ct.nii", nifti());
     desk.write("plan.toml", plan("good", "ct.nii"));
     for (args, message) in [
-        (&["run", "--force", "plan.toml"][..], "--force"),
+        (&["run", "--forced", "plan.toml"][..], "--forced"),
+        (&["run", "plan.toml", "--shard", "3/2"], "expected K/N"),
+        (&["run", "plan.toml", "--shard", "0/2"], "expected K/N"),
+        (&["run", "plan.toml", "--memory", "plenty"], "plenty"),
         (&["operate", "plan.toml"], "operate"),
         (&["run"], "<PLAN>"),
         (&["check"], "<PLAN>"),
@@ -297,11 +300,12 @@ fn the_worst_exit_code_wins_in_either_order() {
             .expect(2)
             .document();
         assert_eq!(document["errors"].as_array().unwrap().len(), 2);
-        assert_eq!(document["runs"].as_array().unwrap().len(), 1);
-        assert!(
-            desk.path().join("out/good/run.json").exists(),
-            "the others still run"
-        );
+        // Of the one whose candidate cannot be computed there are the others.
+        assert_eq!(document["runs"].as_array().unwrap().len(), 2);
+        for plan in ["good", "input"] {
+            let record = desk.path().join("out").join(plan).join("run.json");
+            assert!(record.exists(), "the others still run");
+        }
     }
     desk.run(&["run", "input.toml", "good.toml"]).expect(3);
 }

@@ -47,7 +47,10 @@ impl Bench {
                 let start = Instant::now();
                 desk.run(&["run", name]).expect(0);
                 takes = start.elapsed();
-                let found = (desk.files("out/good"), desk.results("out/good"));
+                let found = (
+                    desk.everything("out/good"),
+                    desk.results_and_notes("out/good"),
+                );
                 fs::remove_dir_all(desk.path().join("out")).unwrap();
                 found
             });
@@ -56,7 +59,8 @@ impl Bench {
         let results = [one, other];
         for (name, content) in &results[0] {
             assert!(
-                results[1].get(name) != Some(content),
+                // The nose as it is is the same.
+                name == ".rhinoplan.kept/start.json" || results[1].get(name) != Some(content),
                 "{name} tells nothing"
             );
         }
@@ -77,8 +81,8 @@ impl Bench {
     }
 
     /// Starts the second plan over what the first left, lets `kill` end it, and looks at what is there. Whether
-    /// it was killed at work.
-    fn killed(&self, kill: impl FnOnce(&mut Started)) -> bool {
+    /// it was killed at work, and how many stages of it the next run kept.
+    fn killed(&self, kill: impl FnOnce(&mut Started)) -> (bool, u64) {
         self.reset();
         let mut started = self.desk.start(&["run", "other.toml"]);
         kill(&mut started);
@@ -107,11 +111,14 @@ impl Bench {
             run.retain(|name, _| !name.starts_with(".rhinoplan"));
             assert!(found == run, "a record among files of another run");
         }
-        self.desk.run(&["run", "other.toml"]).expect(0);
-        let after = self.desk.results("out/good");
+        let next = self.desk.run(&["run", "other.toml", "--json"]).expect(0);
+        let after = self.desk.results_and_notes("out/good");
         assert_eq!(names(&after), names(&self.results[1]));
         assert!(after == self.results[1]);
-        hidden
+        let document = next.document();
+        let candidates = document["runs"][0]["candidates"].as_array().unwrap();
+        let kept = candidates.iter().map(|of| of["kept"].as_u64().unwrap());
+        (hidden, kept.sum())
     }
 }
 
@@ -121,29 +128,42 @@ fn interrupt(started: &mut Started) {
     assert!(sent.success() || started.has_ended());
 }
 
+/// Twenty moments at random, and Ctrl-C at two. Every next run gives the bytes of one that was not interrupted, and
+/// some of them go on from what was computed before.
 #[test]
 fn killed_at_any_time_the_next_run_is_as_if_nothing_had_happened() {
     let bench = Bench::new();
-    let mut at_work = 0;
-    for part in 0..8 {
-        let delay = bench.takes * part / 8;
-        at_work += usize::from(bench.killed(|started| {
+    let (mut at_work, mut resumed) = (0, 0);
+    let mut count = |(at_its_work, kept): (bool, u64)| {
+        at_work += usize::from(at_its_work);
+        // Both plans have this stage in common with nothing, so what is kept is of the run that was killed.
+        resumed += usize::from(at_its_work && kept > 0);
+    };
+    // A linear congruential generator: the moments are the same each time, what they hit is not.
+    let mut random: u32 = 20_261_122;
+    for _ in 0..20 {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let delay = bench.takes.mul_f64(f64::from(random) / f64::from(u32::MAX));
+        count(bench.killed(|started| {
             std::thread::sleep(delay);
             started.kill();
         }));
     }
-    // Ctrl-C.
-    for part in [2, 5] {
+    for part in [3, 6] {
         let delay = bench.takes * part / 8;
-        at_work += usize::from(bench.killed(|started| {
+        count(bench.killed(|started| {
             std::thread::sleep(delay);
             interrupt(started);
         }));
     }
     assert!(
-        at_work >= 3,
-        "{at_work} of 10 were killed at work, in {:?}",
+        at_work >= 6,
+        "{at_work} of 22 were killed at work, in {:?}",
         bench.takes
+    );
+    assert!(
+        resumed >= 1,
+        "none of {at_work} left anything to go on from"
     );
 }
 
@@ -177,7 +197,7 @@ fn a_first_run_that_is_killed_leaves_nothing_that_looks_like_a_result() {
         assert!(entries.all(|entry| hidden(entry.unwrap().file_name())));
     }
     bench.desk.run(&["run", "other.toml"]).expect(0);
-    assert!(bench.desk.results("out/good") == bench.results[1]);
+    assert!(bench.desk.results_and_notes("out/good") == bench.results[1]);
 }
 
 #[test]
@@ -201,10 +221,10 @@ fn a_second_run_into_one_folder_is_refused_while_the_first_is_at_work() {
         .desk
         .run(&["run", "other.toml", "--out", "there"])
         .expect(0);
-    assert!(bench.desk.results("there/good") == bench.results[1]);
+    assert!(bench.desk.results_and_notes("there/good") == bench.results[1]);
     drop(first);
     bench.desk.run(&["run", "other.toml"]).expect(0);
-    assert!(bench.desk.results("out/good") == bench.results[1]);
+    assert!(bench.desk.results_and_notes("out/good") == bench.results[1]);
 }
 
 #[test]
@@ -228,7 +248,7 @@ fn two_at_once_never_mix() {
                 refused += 1;
             }
         }
-        let found = bench.desk.results("out/good");
+        let found = bench.desk.results_and_notes("out/good");
         let winner = bench.results.iter().position(|run| *run == found);
         assert!(winner.is_some_and(|winner| codes[winner] == 0), "{codes:?}");
     }

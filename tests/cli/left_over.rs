@@ -104,6 +104,10 @@ fn what_the_user_made_or_changed_stays_and_what_was_changed_is_told() {
     assert_eq!(files["notes.txt"], b"mine");
     let again = desk.run(&["run", "plan.toml"]).expect(0);
     assert_eq!(again.err, "");
+    assert!(
+        again.out.ends_with("0 done, 2 kept, 0 failed\n"),
+        "{again:?}"
+    );
     assert_eq!(desk.files("out/good/up"), files);
 }
 

@@ -26,6 +26,7 @@ mod process;
 mod real;
 #[path = "../real_data/mod.rs"]
 mod real_data;
+mod resume;
 mod same;
 mod schema;
 mod skin;

@@ -89,7 +89,9 @@ fn nrrd_is_as_good_as_nifti() {
         info.out.contains("position     from space directions"),
         "{info:?}"
     );
-    let dry = desk.run(&["run", "--dry-run", "nrrd.toml"]).expect(0);
+    let dry = desk
+        .run(&["run", "--dry-run", "--force", "nrrd.toml"])
+        .expect(0);
     assert_eq!(dry.out.matches("writing the volume as NRRD").count(), 3);
 }
 

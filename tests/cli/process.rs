@@ -76,8 +76,15 @@ impl Desk {
         Started(command.spawn().unwrap())
     }
 
-    /// Every file in a folder, hidden ones too, by its path there; of a folder without files, its name.
+    /// As [`Desk::everything`], without what a run notes for the next.
     pub fn files(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
+        let mut files = self.everything(folder);
+        files.retain(|name, _| !name.contains(".rhinoplan.kept/"));
+        files
+    }
+
+    /// Every file in a folder, hidden ones too, by its path there; of a folder without files, its name.
+    pub fn everything(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
         let mut files = BTreeMap::new();
         let root = self.path().join(folder);
         let mut open = vec![root.clone()];
@@ -103,6 +110,13 @@ impl Desk {
     /// As [`Desk::files`], without the one file that is never the same twice.
     pub fn results(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
         let mut files = self.files(folder);
+        assert!(files.remove("timings.json").is_some());
+        files
+    }
+
+    /// As [`Desk::everything`], without the one file that is never the same twice.
+    pub fn results_and_notes(&self, folder: &str) -> BTreeMap<String, Vec<u8>> {
+        let mut files = self.everything(folder);
         assert!(files.remove("timings.json").is_some());
         files
     }

@@ -39,14 +39,18 @@ fn any_number_of_threads_draws_the_same_pictures() {
 
 fn assert_same_with_any_threads(desk: &Desk, files: usize) {
     let runs = ["1", "2", "4", "1"].map(|threads| {
-        desk.run(&["run", "plan.toml", "--threads", threads])
+        desk.run(&["run", "plan.toml", "--threads", threads, "--force"])
             .expect(0);
         assert_eq!(
             desk.json("out/good/timings.json")["threads"].to_string(),
             threads
         );
-        desk.results("out/good")
+        desk.results_and_notes("out/good")
     });
+    let notes = |name: &&String| name.starts_with(".rhinoplan.kept/");
+    let notes = runs[0].keys().filter(notes).count();
+    assert!(notes >= 5);
+    let files = files + notes;
     assert_eq!(runs[0].len(), files);
     for run in &runs[1..] {
         for (name, bytes) in &runs[0] {
@@ -119,7 +123,7 @@ fn no_output_names_the_patient_or_a_file() {
             .any(|part| part == word.as_bytes())
     };
     let mut looked_at = 0;
-    for (name, packed) in desk.files("out/good") {
+    for (name, packed) in desk.everything("out/good") {
         let mut content = Vec::new();
         let text = if name.ends_with(".gz") {
             MultiGzDecoder::new(&packed[..])
@@ -140,11 +144,13 @@ fn no_output_names_the_patient_or_a_file() {
             let text = String::from_utf8_lossy(&text)
                 .replace("\"nifti\"", "")
                 .replace(".nii.gz\n", "\n")
+                .replace(".nii.gz\",", "")
                 .replace("\npath = \"ct.nii.gz\"\n", "\n");
             assert!(!holds(text.as_bytes(), word), "{name} holds {word}");
         }
         looked_at += 1;
     }
-    assert_eq!(looked_at, 9 + 3 * 2);
+    // Tables, volumes, and the notes on them.
+    assert_eq!(looked_at, 9 + 3 * 2 + 7);
     assert!(!ran.out.to_lowercase().contains("jane"), "{}", ran.out);
 }

@@ -126,7 +126,7 @@ fn nothing_of_the_patient_reaches_an_output() {
     assert!(text.contains(all));
     desk.write("plan.toml", text);
     let ran = desk.run(&["run", "plan.toml", "--json"]).expect(0);
-    let mut outputs: BTreeMap<String, Vec<u8>> = desk.files("out");
+    let mut outputs: BTreeMap<String, Vec<u8>> = desk.everything("out");
     for kind in [
         ".nii.gz", ".nrrd", ".png", ".svg", ".stl", ".ply", ".json", ".csv", ".md",
     ] {
