@@ -227,6 +227,28 @@ fn a_jpeg_that_is_packed_once_more_is_that_jpeg() {
     );
 }
 
+/// A JPEG in JPEG XL whose text ("JFIF", the last 21 bytes of its box) is replaced by 300 MiB of zeros, packed into 241.
+fn bomb() -> Vec<u8> {
+    let mut image = packed!("8-of-jpeg.jxl").to_vec();
+    let name = image.windows(4).position(|four| four == b"jbrd").unwrap();
+    let length = u32::from_be_bytes(image[name - 4..name].try_into().unwrap());
+    let end = name - 4 + length as usize;
+    let zeros = packed!("300-MiB-of-zeros.br");
+    image.splice(end - 21..end, zeros.iter().copied());
+    let length = length - 21 + zeros.len() as u32;
+    image[name - 4..name].copy_from_slice(&length.to_be_bytes());
+    image
+}
+
+#[test]
+fn texts_of_a_jpeg_that_inflate_to_hundreds_of_mebibytes_are_not_unpacked() {
+    let start = std::time::Instant::now();
+    let message = refusal(&files(Samples::Eight, JPEG_XL_OF_JPEG, &[&bomb()]));
+    let refused = "(JPEG XL JPEG Recompression (1.2.840.10008.1.2.4.111)): it holds more text than";
+    assert!(message.contains(refused), "{message}");
+    assert!(start.elapsed().as_secs() < 5, "{:?}", start.elapsed());
+}
+
 #[test]
 fn retired_kinds_of_jpeg_are_read_if_they_have_8_bits() {
     let baseline = values(&files(Samples::Eight, JPEG_BASELINE, &[packed!("8.jpg")]));
@@ -323,6 +345,8 @@ pub fn seeds() -> Vec<(Vec<SliceFile>, Vec<u8>)> {
     add(files(Samples::Twelve, JPEG_LS_NEAR, &[near]), near);
     let jpeg = packed!("8-of-jpeg.jxl");
     add(files(Samples::Eight, JPEG_XL_OF_JPEG, &[jpeg]), jpeg);
+    let bomb = bomb();
+    add(files(Samples::Eight, JPEG_XL_OF_JPEG, &[&bomb]), &bomb);
     let lossy = packed!("lossy.jxl");
     add(files(Samples::Signed(16), JPEG_XL, &[lossy]), lossy);
     let mut small = stack(2);

@@ -275,6 +275,9 @@ fn check_texts(packed: &[u8]) -> Result<(), Fault> {
     let mut unpacked = texts.by_ref().take(MAX_JPEG_TEXT_BYTES + 1);
     match std::io::copy(&mut unpacked, &mut std::io::sink()) {
         Ok(length) if length <= MAX_JPEG_TEXT_BYTES => Ok(()),
-        _ => Err(Fault::Damaged),
+        Ok(_) => Err(Fault::Other(
+            "it holds more text than a JPEG of a CT".to_owned(),
+        )),
+        Err(_) => Err(Fault::Damaged),
     }
 }
