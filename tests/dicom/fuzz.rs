@@ -6,7 +6,8 @@ use std::time::Instant;
 use dicom_dictionary_std::uids;
 
 use crate::builder::{BIG_ENDIAN, Dir, SliceFile, rle, stack};
-use crate::noise::{AT_ONCE, Noise, Outcome, count, damage, fuzz, tell};
+use crate::noise::{AT_ONCE, Noise, Outcome, assert_clear, count, damage, fuzz, tell};
+use crate::packed;
 use crate::real;
 use crate::real_data;
 
@@ -73,6 +74,40 @@ fn changed_at_random() {
     });
 }
 
+/// High-Throughput JPEG 2000, JPEG-LS and JPEG XL: what is changed is the image, of which the file says the right
+/// length.
+#[test]
+fn small_packed_images_changed_at_random() {
+    let seeds = packed::seeds();
+    let dirs: Vec<Dir> = seeds.iter().map(|(files, _)| Dir::of(files)).collect();
+    let name = "fuzz::small_packed_images_changed_at_random";
+    fuzz(name, "packed DICOM", TRIES, |index, noise| {
+        let at = index % seeds.len();
+        let ((files, image), dir) = (&seeds[at], &dirs[at]);
+        let (mut file, mut image) = (files[1].clone(), image.clone());
+        for _ in 0..=noise.below(2) {
+            damage(&mut image, 0, noise);
+        }
+        let syntax = file.syntax;
+        file.fragments(syntax, &[&image]);
+        dir.write("1.dcm", &file.bytes());
+        match dir.read() {
+            Ok(scan) => {
+                let [columns, rows, slices] = scan.volume.grid().dims();
+                assert!([[32, 24], [6, 5]].contains(&[columns, rows]));
+                assert_eq!(slices, 2);
+                let (low, high) = scan.volume.hu_range();
+                assert!(-32768.0 <= low && high <= 65535.0, "{low} to {high} HU");
+                Outcome::Read
+            }
+            Err(error) => {
+                assert_clear(&error.to_string());
+                Outcome::Refused
+            }
+        }
+    });
+}
+
 /// As many hundredths: these are real slices, and decoding takes its time.
 #[test]
 fn packed_images_changed_at_random() {
@@ -84,6 +119,8 @@ fn packed_images_changed_at_random() {
         "JPEGProcess14_1.2.840.10008.1.2.4.57.dcm",
         "JPEGProcess14SV1_1.2.840.10008.1.2.4.70.dcm",
         "JPEG2000LosslessOnly_1.2.840.10008.1.2.4.90.dcm",
+        "JPEGLSLossless_1.2.840.10008.1.2.4.80.dcm",
+        "JPEGLSLossy_1.2.840.10008.1.2.4.81.dcm",
     ];
     let mut noise = Noise::new(2001);
     let (mut read, mut refused) = (0, 0);

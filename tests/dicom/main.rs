@@ -14,6 +14,7 @@ mod hostile;
 #[path = "../hostile/noise.rs"]
 #[allow(dead_code, reason = "shared with the tests of hostile input")]
 mod noise;
+mod packed;
 mod program;
 mod real;
 #[path = "../real_data/mod.rs"]

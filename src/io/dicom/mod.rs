@@ -7,8 +7,8 @@
 //! # What is read
 //! - CT Image Storage: one frame, one sample a pixel, MONOCHROME2, 8 or 16 bits allocated, signed or not.
 //! - Files with a preamble and meta information (PS3.10), in implicit or explicit little endian, big endian or
-//!   deflated; pixels as they are, run-length encoded, JPEG (8-bit baseline and extended, lossless), JPEG 2000.
-//!   Every other transfer syntax is refused by its name.
+//!   deflated; pixels as they are, run-length encoded, JPEG (8-bit baseline and extended, lossless), JPEG 2000,
+//!   JPEG-LS, JPEG XL. Every other transfer syntax is refused by its name.
 //! - A series is the files of one SeriesInstanceUID, orientation, size and pixel spacing. Localizers,
 //!   secondary captures, other modalities, images of several frames, DICOMDIR and files that are no DICOM are
 //!   left out, and told of by [`Folder::series`] and [`Folder::others`]. A file of the series that is damaged is an
@@ -27,6 +27,9 @@ mod elements;
 mod error;
 mod folder;
 mod geometry;
+mod jpeg_ls;
+mod jpeg_xl;
+mod packed;
 mod panics;
 mod pixels;
 mod series;

@@ -1,17 +1,21 @@
 //! The samples of a slice as little-endian bytes, whatever they are packed in.
 //!
-//! Decoders are the registry's. They allocate what a packed image says of itself, and keep quiet about one that
-//! is smaller than its file says; so its own header is compared with the file's first.
+//! Decoders are the registry's, but for JPEG-LS and JPEG XL. They allocate what a packed image says of itself, and
+//! keep quiet about one that is smaller than its file says; so its own header is compared with the file's first.
 
 use std::borrow::Cow;
+use std::io::Read;
 
 use dicom_encoding::adapters::{PixelDataObject, RawPixelData};
+use flate2::read::DeflateDecoder;
 
 use super::elements::{DataSet, Pixels};
 use super::error::{SliceProblem, with_sources};
+use super::packed::{Packed, check_jpeg, check_size};
 use super::panics::caught;
 use super::slice::{Format, Slice};
 use super::syntax::{Packing, Syntax};
+use super::{jpeg_ls, jpeg_xl};
 
 /// The samples of a slice, from the bytes of its file and its data set, read up to the pixels.
 ///
@@ -78,23 +82,47 @@ fn unpack(slice: &Slice, mut fragments: Vec<Vec<u8>>) -> Result<Vec<u8>, SlicePr
         _ => fragments.concat(),
     };
     match syntax.packing {
+        Packing::DeflatedFrame => return inflate(format, syntax, &image),
         Packing::Rle => check_rle(format, &image)?,
-        Packing::Jpeg => check_size(Packed::of_jpeg(&image), format)?,
+        Packing::Jpeg => {
+            let bits = check_jpeg(&image, format)?;
+            if syntax.lossy && bits > 8 {
+                return Err(SliceProblem::Syntax {
+                    syntax: format!("{syntax} of {bits} bits"),
+                    unpacked_by: syntax.unpacked_by(),
+                });
+            }
+        }
         Packing::Jpeg2000 => check_size(Packed::of_jpeg_2000(&image), format)?,
+        Packing::JpegLs => return jpeg_ls::decode(format, syntax, &image),
+        Packing::JpegXl => {
+            return match jpeg_xl::decode(format, syntax, &image)? {
+                jpeg_xl::Decoded::Samples(samples) => Ok(samples),
+                jpeg_xl::Decoded::Jpeg(jpeg) => {
+                    check_jpeg(&jpeg, format)?;
+                    by_registry(format, syntax, &jpeg)
+                }
+            };
+        }
         _ => {}
     }
+    by_registry(format, syntax, &image)
+}
+
+/// What the registry's decoder makes of an image that its file says is packed as `syntax`.
+fn by_registry(format: Format, syntax: &Syntax, image: &[u8]) -> Result<Vec<u8>, SliceProblem> {
     let frame = Frame {
         format,
         syntax,
-        image: &image,
+        image,
     };
     let failed = |message: String| SliceProblem::Decode {
         syntax: syntax.to_string(),
         message,
     };
-    let reader = syntax
-        .elements()
-        .and_then(|elements| elements.pixel_data_reader());
+    let reader_of = |of: &Syntax| of.elements()?.pixel_data_reader();
+    // One decoder reads all kinds of JPEG, but the registry has no entry for retired ones, or one within JPEG XL.
+    let reader = reader_of(syntax).or_else(|| reader_of(&Syntax::jpeg_baseline()));
     let reader = reader.ok_or_else(|| failed("there is no decoder".to_owned()))?;
     let decoded = caught(|| {
         let mut bytes = Vec::new();
@@ -105,6 +133,19 @@ fn unpack(slice: &Slice, mut fragments: Vec<Vec<u8>>) -> Result<Vec<u8>, SlicePr
         Some(Err(error)) => Err(failed(with_sources(&error))),
         None => Err(failed("it is damaged".to_owned())),
     }
+}
+
+/// As many bytes of a deflated frame (RFC 1951; a zero may follow) as rows, columns and bits make.
+fn inflate(format: Format, syntax: &Syntax, image: &[u8]) -> Result<Vec<u8>, SliceProblem> {
+    let mut bytes = Vec::new();
+    DeflateDecoder::new(image)
+        .take(format.plane_bytes())
+        .read_to_end(&mut bytes)
+        .map_err(|error| SliceProblem::Decode {
+            syntax: syntax.to_string(),
+            message: error.to_string(),
+        })?;
+    Ok(bytes)
 }
 
 /// What a decoder is given: one frame.
@@ -192,150 +233,4 @@ fn check_rle(format: Format, image: &[u8]) -> Result<(), SliceProblem> {
         found: format!("{found} run-length segments from {first} in {end} bytes"),
         expected: format!("{expected} from 64 in at most {longest} bytes"),
     })
-}
-
-/// What a packed image says of itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Packed {
-    columns: u64,
-    rows: u64,
-    components: u64,
-    bits: u16,
-}
-
-impl Packed {
-    /// The first frame header of a JPEG stream (ITU-T T.81, B.2.2).
-    fn of_jpeg(image: &[u8]) -> Option<Self> {
-        let mut rest = image.strip_prefix(&[0xff, 0xd8])?;
-        loop {
-            let [0xff, marker, tail @ ..] = rest else {
-                return None;
-            };
-            // Markers may be filled up in front.
-            if *marker == 0xff {
-                rest = rest.get(1..)?;
-                continue;
-            }
-            let length = usize::from(u16::from_be_bytes(*tail.first_chunk()?));
-            let segment = tail.get(2..length)?;
-            // All SOF; DHT, JPG and DAC have numbers among them.
-            if matches!(marker, 0xc0..=0xcf) && ![0xc4, 0xc8, 0xcc].contains(marker) {
-                let &[bits, a, b, c, d, components, ..] = segment else {
-                    return None;
-                };
-                return Some(Self {
-                    columns: u16::from_be_bytes([c, d]).into(),
-                    rows: u16::from_be_bytes([a, b]).into(),
-                    components: components.into(),
-                    bits: bits.into(),
-                });
-            }
-            rest = tail.get(length..)?;
-        }
-    }
-
-    /// The size marker of a JPEG 2000 codestream, which may lie in a file of its own kind (ISO/IEC 15444-1,
-    /// A.5.1). The smallest subsampling is 1; larger ones give fewer samples than are expected.
-    fn of_jpeg_2000(image: &[u8]) -> Option<Self> {
-        let start = image
-            .windows(4)
-            .position(|four| four == [0xff, 0x4f, 0xff, 0x51])?;
-        let size = image.get(start + 4..)?;
-        let number = |at: usize| {
-            let bytes = size.get(at..)?.first_chunk::<4>()?;
-            Some(u64::from(u32::from_be_bytes(*bytes)))
-        };
-        let (width, height, left, top) = (number(4)?, number(8)?, number(12)?, number(16)?);
-        let components = u16::from_be_bytes(*size.get(36..)?.first_chunk()?);
-        let &[depth, across, down] = size.get(38..)?.first_chunk()?;
-        if across != 1 || down != 1 {
-            return None;
-        }
-        Some(Self {
-            columns: width.checked_sub(left)?,
-            rows: height.checked_sub(top)?,
-            components: components.into(),
-            bits: u16::from(depth & 0x7f) + 1,
-        })
-    }
-}
-
-/// Whether a packed image is the one that rows, columns and bits describe.
-fn check_size(found: Option<Packed>, format: Format) -> Result<(), SliceProblem> {
-    let expected = || {
-        let Format {
-            rows,
-            columns,
-            allocated,
-            ..
-        } = format;
-        format!("{columns}×{rows} pixels, 1 component, {allocated}-bit samples")
-    };
-    let Some(found) = found else {
-        return Err(SliceProblem::Packed {
-            found: "no size that can be found".to_owned(),
-            expected: expected(),
-        });
-    };
-    let size = (found.columns, found.rows) == (format.columns as u64, format.rows as u64);
-    // A decoder gives one byte for up to 8 bits, and two for more.
-    let bytes = usize::from(found.bits.div_ceil(8)) == format.sample_bytes();
-    if size && bytes && found.components == 1 {
-        return Ok(());
-    }
-    let Packed {
-        columns,
-        rows,
-        components,
-        bits,
-    } = found;
-    Err(SliceProblem::Packed {
-        found: format!("{columns}×{rows} pixels, {components} component(s), {bits} bits"),
-        expected: expected(),
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_jpeg_frame_is_found_behind_other_segments() {
-        let stream = [
-            0xff, 0xd8, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xff, 0xc4, 0, 3, 9, 0xff, 0xc3, 0, 11, 16,
-            1, 0, 0, 200, 1, 1, 0x11, 0,
-        ];
-        let expected = Packed {
-            columns: 200,
-            rows: 256,
-            components: 1,
-            bits: 16,
-        };
-        assert_eq!(Packed::of_jpeg(&stream), Some(expected));
-        for end in 0..stream.len() - 5 {
-            // Cut anywhere, it is nothing, and no panic.
-            assert_eq!(Packed::of_jpeg(&stream[..end]), None);
-        }
-        assert_eq!(Packed::of_jpeg(&[0xff, 0xd8, 0xff, 0xe0, 0, 0]), None);
-    }
-
-    #[test]
-    fn a_jpeg_2000_size_is_found_in_a_file_of_its_own_kind() {
-        let mut stream = b"\0\0\0\x0cjP  ....".to_vec();
-        stream.extend([0xff, 0x4f, 0xff, 0x51, 0, 41, 0, 0]);
-        for number in [210_u32, 110, 10, 10, 64, 64, 0, 0] {
-            stream.extend(number.to_be_bytes());
-        }
-        stream.extend([0, 1, 0x8b, 1, 1]);
-        let expected = Packed {
-            columns: 200,
-            rows: 100,
-            components: 1,
-            bits: 12,
-        };
-        assert_eq!(Packed::of_jpeg_2000(&stream), Some(expected));
-        for end in 0..stream.len() {
-            assert_eq!(Packed::of_jpeg_2000(&stream[..end]), None);
-        }
-    }
 }

@@ -13,12 +13,18 @@ pub(super) enum Packing {
     Deflated,
     /// As they are, in fragments.
     Fragments,
+    /// As they are, in fragments that are deflated.
+    DeflatedFrame,
     /// Bytes run-length encoded.
     Rle,
-    /// JPEG, of 8 bits where lossy, up to 16 where lossless.
+    /// JPEG with Huffman codes, of 8 bits where lossy, up to 16 where lossless.
     Jpeg,
     /// JPEG 2000, of either kind of block coding.
     Jpeg2000,
+    /// JPEG-LS, lossless or within a given error.
+    JpegLs,
+    /// JPEG XL, or a JPEG that is packed once more in it.
+    JpegXl,
     /// In a way that nothing here decodes.
     Unknown,
 }
@@ -34,9 +40,12 @@ pub(super) struct Syntax {
 }
 
 const EXPLICIT_LITTLE_ENDIAN: &str = "1.2.840.10008.1.2.1";
+const JPEG_BASELINE: &str = "1.2.840.10008.1.2.4.50";
+/// Those of JPEG-LS and JPEG XL that may lose nothing.
+const LOSSLESS: [&str; 2] = ["1.2.840.10008.1.2.4.80", "1.2.840.10008.1.2.4.110"];
 
 /// What follows `1.2.840.10008.1.2` in the UID, name, packing, whether it always loses something.
-const KNOWN: [(&str, &str, Packing, bool); 28] = [
+const KNOWN: [(&str, &str, Packing, bool); 29] = [
     ("", "Implicit VR Little Endian", Packing::Native, false),
     (".1", "Explicit VR Little Endian", Packing::Native, false),
     (
@@ -83,7 +92,7 @@ const KNOWN: [(&str, &str, Packing, bool); 28] = [
     (
         ".4.53",
         "JPEG Spectral Selection (Process 6 and 8)",
-        Packing::Unknown,
+        Packing::Jpeg,
         true,
     ),
     (
@@ -95,7 +104,7 @@ const KNOWN: [(&str, &str, Packing, bool); 28] = [
     (
         ".4.55",
         "JPEG Full Progression (Process 10 and 12)",
-        Packing::Unknown,
+        Packing::Jpeg,
         true,
     ),
     (
@@ -110,8 +119,8 @@ const KNOWN: [(&str, &str, Packing, bool); 28] = [
         Packing::Unknown,
         false,
     ),
-    (".4.80", "JPEG-LS Lossless", Packing::Unknown, false),
-    (".4.81", "JPEG-LS Near-Lossless", Packing::Unknown, true),
+    (".4.80", "JPEG-LS Lossless", Packing::JpegLs, false),
+    (".4.81", "JPEG-LS Near-Lossless", Packing::JpegLs, true),
     (
         ".4.92",
         "JPEG 2000 Part 2 Multi-component (Lossless Only)",
@@ -124,8 +133,14 @@ const KNOWN: [(&str, &str, Packing, bool); 28] = [
         Packing::Unknown,
         false,
     ),
-    (".4.110", "JPEG XL Lossless", Packing::Unknown, false),
-    (".4.112", "JPEG XL", Packing::Unknown, false),
+    (".4.110", "JPEG XL Lossless", Packing::JpegXl, false),
+    (
+        ".4.111",
+        "JPEG XL JPEG Recompression",
+        Packing::JpegXl,
+        true,
+    ),
+    (".4.112", "JPEG XL", Packing::JpegXl, false),
     (
         ".4.201",
         "High-Throughput JPEG 2000 (Lossless Only)",
@@ -144,7 +159,12 @@ const KNOWN: [(&str, &str, Packing, bool); 28] = [
         Packing::Jpeg2000,
         false,
     ),
-    (".8.1", "Deflated Image Frame", Packing::Unknown, false),
+    (
+        ".8.1",
+        "Deflated Image Frame Compression",
+        Packing::DeflatedFrame,
+        false,
+    ),
 ];
 
 impl Syntax {
@@ -164,15 +184,23 @@ impl Syntax {
         }
     }
 
+    /// One that the registry has a decoder of JPEG for.
+    pub(super) fn jpeg_baseline() -> Self {
+        Self::new(JPEG_BASELINE.to_owned())
+    }
+
     pub(super) fn uid(&self) -> &str {
         &self.uid
     }
 
+    /// Of JPEG-LS and JPEG XL, whether the syntax promises that nothing is lost.
+    pub(super) fn is_lossless(&self) -> bool {
+        LOSSLESS.contains(&self.uid.as_str())
+    }
+
     /// The program that unpacks what nothing here does. DCMTK has one for each family.
     pub(super) fn unpacked_by(&self) -> &'static str {
-        if self.name.starts_with("JPEG-LS") {
-            "dcmdjpls or gdcmconv --raw"
-        } else if self.name.starts_with("JPEG XL") || self.name == "unknown" {
+        if self.name == "unknown" {
             "by the program that wrote it"
         } else if self.name.starts_with("JPEG 2000") {
             "gdcmconv --raw"
@@ -208,7 +236,9 @@ mod tests {
             let syntax = Syntax::new(uid.clone());
             assert_eq!(syntax.to_string(), format!("{name} ({uid})"));
             let elements = syntax.elements().unwrap();
-            if matches!(packing, Packing::Rle | Packing::Jpeg | Packing::Jpeg2000) {
+            // Those of retired kinds of JPEG are that of the baseline.
+            let retired = [".4.53", ".4.55"].contains(&rest);
+            if matches!(packing, Packing::Rle | Packing::Jpeg | Packing::Jpeg2000) && !retired {
                 assert!(elements.pixel_data_reader().is_some(), "{syntax}");
             }
             let big = elements.endianness() == dicom_encoding::Endianness::Big;
