@@ -154,6 +154,25 @@ Save it, and name it in the first line of a plan:
   #:schema ./plan.schema.json
 Editors that use Taplo (Even Better TOML for Visual Studio Code, among others) read that line.";
 
+impl How {
+    /// The part of a plan's candidates that is asked for, where so many are of plans before it.
+    pub fn part(&self, before: usize) -> Option<Part> {
+        self.shard.map(|(number, of)| Part { number, of, before })
+    }
+}
+
+/// `K/N`, K from 1 to N.
+fn shard(text: &str) -> Result<(u32, u32), String> {
+    let parsed = text.split_once('/');
+    let parsed = parsed.and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
+    match parsed {
+        Some((k, n)) if (1..=n).contains(&k) && n <= MAX_SHARDS => Ok((k, n)),
+        _ => Err(format!(
+            "expected K/N, as 2/5 for the second of five parts, K from 1 to N, N at most {MAX_SHARDS}"
+        )),
+    }
+}
+
 /// The name of a file to write, whose ending tells whether it is compressed.
 fn nifti_name(text: &str) -> Result<PathBuf, String> {
     let lower = text.to_ascii_lowercase();
@@ -192,24 +211,5 @@ mod tests {
         for name in ["head", "head.gz", "head.mha", "nii"] {
             assert!(nifti_name(name).is_err(), "{name}");
         }
-    }
-}
-
-impl How {
-    /// The part of a plan's candidates that is asked for, where so many are of plans before it.
-    pub fn part(&self, before: usize) -> Option<Part> {
-        self.shard.map(|(number, of)| Part { number, of, before })
-    }
-}
-
-/// `K/N`, K from 1 to N.
-fn shard(text: &str) -> Result<(u32, u32), String> {
-    let parsed = text.split_once('/');
-    let parsed = parsed.and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
-    match parsed {
-        Some((k, n)) if (1..=n).contains(&k) && n <= MAX_SHARDS => Ok((k, n)),
-        _ => Err(format!(
-            "expected K/N, as 2/5 for the second of five parts, K from 1 to N, N at most {MAX_SHARDS}"
-        )),
     }
 }

@@ -18,7 +18,7 @@ use crate::feature::{Edit, Landmark};
 use crate::space::Grid;
 
 /// What the name of a CT can end with, by which it is read; a folder of slices and one of them have none.
-const CT_ENDINGS: [&str; 3] = [".nii.gz", ".nii", ".nrrd"];
+const CT_ENDINGS: [&str; 4] = [".nii.gz", ".nii", ".nrrd", ".nhdr"];
 
 /// What a run found out that the plan does not say.
 #[derive(Debug, Clone, Copy)]
