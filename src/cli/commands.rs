@@ -49,7 +49,7 @@ pub(super) fn run(plans: &[PathBuf], out: &Path, strict: bool, output: &Output) 
     code
 }
 
-fn prepare_into(plans: &[PathBuf], out: &Path) -> Result<Vec<Ready>, Refusal> {
+pub(super) fn prepare_into(plans: &[PathBuf], out: &Path) -> Result<Vec<Ready>, Refusal> {
     let ready = exec::prepare(plans)?;
     exec::check_folders(&ready, out)?;
     Ok(ready)
@@ -264,7 +264,7 @@ fn warn(file: &str, ct: &CtHeader, output: &Output) {
     }
 }
 
-fn refuse(refusal: &Refusal, output: &Output) -> ExitCode {
+pub(super) fn refuse(refusal: &Refusal, output: &Output) -> ExitCode {
     for message in refusal.unplaced() {
         output.error(message);
     }

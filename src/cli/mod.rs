@@ -5,6 +5,7 @@
 
 mod args;
 mod commands;
+mod golden;
 mod output;
 mod progress;
 
@@ -16,6 +17,7 @@ use clap::Parser;
 
 use crate::exec::ExitCode;
 use args::{Args, Command};
+use golden::Request;
 use output::Output;
 
 impl From<ExitCode> for process::ExitCode {
@@ -73,6 +75,27 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
             plans, out, strict, ..
         } => commands::run(plans, out, *strict, output),
         Command::Compare { folders, out } => commands::compare(folders, out, output),
+        Command::Bless { plans, golden, out } => {
+            let request = Request {
+                plans,
+                golden,
+                out: out.as_deref(),
+            };
+            golden::bless(&request, output)
+        }
+        Command::Verify {
+            plans,
+            golden,
+            out,
+            report,
+        } => {
+            let request = Request {
+                plans,
+                golden,
+                out: out.as_deref(),
+            };
+            golden::verify(&request, report, output)
+        }
         Command::Check { plans } => commands::check(plans, output),
         Command::Info { ct, series } => commands::info(ct, series.as_deref(), output),
         Command::Landmarks { file, ct, series } => {

@@ -25,6 +25,7 @@ use rayon::prelude::*;
 use tempfile::TempDir;
 
 use self::lock::{Asked, Lock};
+pub use self::manifest::is_plain;
 use self::manifest::{MANIFEST, Manifest, plain_name};
 use self::publish::{Made, Move, carry_out};
 use super::artifact::{ArtifactError, HIDDEN, save};
@@ -35,6 +36,18 @@ const OLD: &str = ".old";
 
 /// In the hidden folder: the list of files, to be renamed when all is done, which needs no room on the disk.
 const NOW: &str = ".now";
+
+/// What the last run into a folder put there and is there still: names, `/` between their parts. Without the files
+/// that every run writes.
+pub fn listed(folder: &Path) -> Vec<String> {
+    let manifest = Manifest::read(folder);
+    let names = manifest.names();
+    let is_there = |name: &&str| {
+        let found = folder.join(name).symlink_metadata();
+        found.is_ok_and(|found| found.is_file())
+    };
+    names.filter(is_there).map(str::to_owned).collect()
+}
 
 /// The files of a run that is not finished.
 ///
