@@ -52,7 +52,12 @@ impl fmt::Display for Cell {
                 let text = format!("{value:.6}");
                 to.write_str(text.trim_end_matches('0').trim_end_matches('.'))
             }
-            Self::Number(value) => write!(to, "{value:.3e}"),
+            Self::Number(value) => {
+                let text = format!("{value:.3e}");
+                let (digits, power) = text.split_once('e').unwrap_or((&text, "0"));
+                let digits = digits.trim_end_matches('0').trim_end_matches('.');
+                write!(to, "{digits}e{power}")
+            }
         }
     }
 }
@@ -172,8 +177,9 @@ mod tests {
             (12359.25, "12359.25"),
             (110.0, "110"),
             (-0.1234567, "-0.123457"),
-            (0.0001, "1.000e-4"),
-            (2.5e12, "2.500e12"),
+            (0.0001, "1e-4"),
+            (2.5e12, "2.5e12"),
+            (-1.23456e-7, "-1.235e-7"),
             (f64::NAN, "not a number"),
         ] {
             assert_eq!(Cell::Number(value).to_string(), shown);

@@ -154,7 +154,7 @@ mod tests {
         assert_eq!(
             text,
             "  measure                               unit    expected      found  difference  tolerance\n\
-             \x20 straight/midline: tip_x               voxel        141      142.5         1.5   1.000e-4\n\
+             \x20 straight/midline: tip_x               voxel        141      142.5         1.5       1e-4\n\
              \x20 straight/01-midline/view-frontal.png         a picture  not found\n"
         );
         assert_eq!(table(&verdict().differences, 1).lines().count(), 2);
@@ -178,7 +178,7 @@ mod tests {
             "## small",
             "Differs in 1 number, 1 picture, 0 volumes; the golden has 23 numbers, 1 picture, 0 volumes.",
             "- the plan is not the same",
-            "| straight/midline: tip\\_x | voxel | 141 | 142.5 | 1.5 | 1.000e-4 |",
+            "| straight/midline: tip\\_x | voxel | 141 | 142.5 | 1.5 | 1e-4 |",
             "![straight/01-midline/view-frontal.png](small/straight.01-midline.view-frontal.png)",
             "## other\n\nAgrees: 23 numbers",
         ] {

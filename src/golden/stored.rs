@@ -163,14 +163,11 @@ impl Stored {
         let volumes =
             lines(volumes.map(|(name, volume)| Ok(format!("{}: {}", json(name)?, json(volume)?))))?;
         // Writing to a string does not fail.
-        let _ = write!(
+        let _ = writeln!(
             text,
-            "{}\n  }},\n  \"side\": {},\n  \"numbers\": [\n{}\n  ],\n  \"pictures\": [\n{}\n  ],\n  \"volumes\": {{\n{}\n  }}\n}}\n",
+            "{}\n  }},\n  \"side\": {},\n  \"numbers\": [{numbers}],\n  \"pictures\": [{pictures}],\n  \"volumes\": {{{volumes}}}\n}}",
             inputs.join(",\n"),
             self.side,
-            numbers.join(",\n"),
-            pictures.join(",\n"),
-            volumes.join(",\n"),
         );
         Ok(text)
     }
@@ -250,10 +247,15 @@ fn json<T: Serialize>(what: &T) -> Result<String, serde_json::Error> {
     serde_json::to_string(what)
 }
 
+/// Items on lines of their own, with what is between two brackets around them.
 fn lines(
-    lines: impl Iterator<Item = Result<String, serde_json::Error>>,
-) -> Result<Vec<String>, serde_json::Error> {
-    lines.map(|line| Ok(format!("    {}", line?))).collect()
+    items: impl Iterator<Item = Result<String, serde_json::Error>>,
+) -> Result<String, serde_json::Error> {
+    let items: Vec<_> = items.collect::<Result<_, _>>()?;
+    if items.is_empty() {
+        return Ok(String::new());
+    }
+    Ok(format!("\n    {}\n  ", items.join(",\n    ")))
 }
 
 fn is_digest(text: &str) -> bool {
@@ -473,7 +475,7 @@ mod tests {
             ("0.30000000000000004", "\"0.3\"", "invalid type"),
             ("0.30000000000000004", "1e999", "out of range"),
             ("\"kept\":true", "\"kept\":true,\"x\":1", "unknown field"),
-            ("}\n", "", "EOF"),
+            ("\n}\n", "", "EOF"),
         ] {
             assert!(text.contains(from), "{from}");
             let error = parse(&text.replace(from, to)).unwrap_err();

@@ -13,6 +13,7 @@ mod compare;
 mod disk;
 mod exits;
 mod failures;
+mod golden;
 mod head;
 mod killed;
 mod landmarks;
