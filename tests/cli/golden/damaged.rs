@@ -123,6 +123,11 @@ fn golden_toml() {
         let ran = super::bless(&desk).expect(2);
         assert!(ran.err.contains(words), "{ran:?}");
     }
+    for nested in ["[", "{a="] {
+        let text = format!("numbers = {}", nested.repeat(20_000));
+        desk.write("golden/golden.toml", text);
+        assert_refused(&desk, "line 1: ");
+    }
     desk.write("golden/golden.toml", b"# \xff\n");
     assert_refused(&desk, "utf-8");
     desk.write("golden/golden.toml", "#".repeat(100_000));
