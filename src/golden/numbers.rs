@@ -129,17 +129,26 @@ mod tests {
         let (a, b) = (number("a", "mm", 1.0), number("b", "mm", 2.0));
         let other_unit = number("a", "mm3", 1.0);
         let tolerance = Settings::default().numbers;
-        let found = compare(&[a.clone(), b.clone()], &[b.clone()], &tolerance);
+        let found = compare(
+            &[a.clone(), b.clone()],
+            std::slice::from_ref(&b),
+            &tolerance,
+        );
         assert_eq!(
             found[0].row()[..4],
             ["straight/midline: a", "mm", "1", "not found"]
         );
-        let found = compare(&[b.clone()], &[a.clone(), b.clone()], &tolerance);
+        let found = compare(
+            std::slice::from_ref(&b),
+            &[a.clone(), b.clone()],
+            &tolerance,
+        );
         assert_eq!(
             found[0].row()[..4],
             ["straight/midline: a", "mm", "not expected", "1"]
         );
         assert_eq!(compare(&[a], &[other_unit], &tolerance).len(), 2);
-        assert_eq!(compare(&[b.clone()], &[b], &tolerance), []);
+        let b = [b];
+        assert_eq!(compare(&b, &b, &tolerance), []);
     }
 }

@@ -134,6 +134,15 @@ pub fn side_by_side(expected: &RgbImage, actual: &RgbImage, channel: u8) -> RgbI
     picture
 }
 
+/// Pixels of a small picture made squares, so that its longest side comes near to `side`.
+pub fn enlarged(image: &RgbImage, side: u32) -> RgbImage {
+    let (width, height) = image.dimensions();
+    let by = (side / width.max(height).max(1)).max(1);
+    RgbImage::from_fn(width * by, height * by, |x, y| {
+        *image.get_pixel(x / by, y / by)
+    })
+}
+
 /// The picture with a longest side of `side` pixels, each the mean of the area that it covers; as it is, where it
 /// is no larger. In whole numbers, so that it is the same on every machine.
 pub fn reduced(image: &RgbImage, side: u32) -> RgbImage {
@@ -307,6 +316,17 @@ mod tests {
         let small = reduced(&grey, 16);
         assert_eq!(small.dimensions(), (16, 1));
         assert!(small.pixels().all(|pixel| pixel.0 == [201, 5, 250]));
+    }
+
+    #[test]
+    fn an_enlarged_picture_has_the_same_pixels() {
+        let small = RgbImage::from_fn(5, 3, |x, y| Rgb([(8 * x) as u8, (16 * y) as u8, 7]));
+        let large = enlarged(&small, 17);
+        assert_eq!(large.dimensions(), (15, 9));
+        assert_eq!(reduced(&large, 5), small);
+        assert_eq!(enlarged(&small, 9), small);
+        let nothing = RgbImage::new(0, 0);
+        assert_eq!(enlarged(&nothing, 9), nothing);
     }
 
     #[test]

@@ -16,8 +16,12 @@ use crate::golden::{
 };
 use crate::io::written::Written;
 use crate::io::{nifti, nrrd};
+use crate::picture::encode_png;
 use crate::volume::Volume;
 use crate::with_volume;
+
+/// The longest side of a picture in a report that is large enough to be looked at, pixels.
+const SHOWN: u32 = 384;
 
 /// Everything that differs.
 pub(super) fn compare(
@@ -29,7 +33,7 @@ pub(super) fn compare(
     let (expected, found) = (&golden.stored, &given.stored);
     let mut differences = numbers::compare(&expected.numbers, &found.numbers, &settings.numbers);
     let mut drawn = Vec::new();
-    compare_pictures(golden, given, settings, &mut differences, &mut drawn);
+    compare_pictures(golden, given, settings, &mut differences, &mut drawn)?;
     for (name, of) in &expected.volumes {
         let difference = match found.volumes.get(name) {
             Some(other) => compare_volume(golden, given, settings, name, (of, other))?,
@@ -64,8 +68,8 @@ fn compare_pictures(
     given: &Given,
     settings: &Settings,
     differences: &mut Vec<Difference>,
-    drawn: &mut Vec<(String, RgbImage)>,
-) {
+    drawn: &mut Vec<(String, Vec<u8>)>,
+) -> Result<(), GoldenError> {
     let tolerance = &settings.pictures;
     let none = RgbImage::new(0, 0);
     let size = |picture: &RgbImage| {
@@ -73,8 +77,10 @@ fn compare_pictures(
         Cell::text(format!("{width} × {height}"))
     };
     let mut draw = |name: &String, expected: &RgbImage, found: &RgbImage| {
-        let picture = pictures::side_by_side(expected, found, tolerance.channel);
-        drawn.push((name.clone(), picture));
+        let [expected, found] = [expected, found].map(|part| pictures::enlarged(part, SHOWN));
+        let picture = pictures::side_by_side(&expected, &found, tolerance.channel);
+        drawn.push((name.clone(), encode_png(&picture)?));
+        Ok::<_, GoldenError>(())
     };
     for (name, expected) in &golden.pictures {
         let Some(found) = given.pictures.get(name) else {
@@ -85,12 +91,12 @@ fn compare_pictures(
                 "pixels",
                 size,
             ));
-            draw(name, expected, &none);
+            draw(name, expected, &none)?;
             continue;
         };
         if let Err(difference) = pictures::compare(expected, found, tolerance) {
             differences.push(difference.row(name.clone(), tolerance));
-            draw(name, expected, found);
+            draw(name, expected, found)?;
         }
     }
     for (name, found) in &given.pictures {
@@ -98,9 +104,10 @@ fn compare_pictures(
             let size = size(found);
             let new = Difference::unexpected(Kind::Picture, name.clone(), "pixels", size);
             differences.push(new);
-            draw(name, &none, found);
+            draw(name, &none, found)?;
         }
     }
+    Ok(())
 }
 
 fn compare_volume(

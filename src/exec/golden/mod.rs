@@ -16,8 +16,6 @@ mod given;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
-
 use self::given::Given;
 use super::events::Observer;
 use super::preflight::Ready;
@@ -109,8 +107,8 @@ fn copy(from: &Path, to: &Path) -> Result<(), ArtifactError> {
 pub struct Verified {
     /// What differs.
     pub verdict: Verdict,
-    /// The pictures that differ, by their names: expected | actual | difference.
-    pub pictures: Vec<(String, RgbImage)>,
+    /// The pictures that differ, by their names: expected | actual | difference, as PNG files.
+    pub pictures: Vec<(String, Vec<u8>)>,
 }
 
 /// Runs a plan and compares what it gives with what is kept of it. The outputs go into `out`, or nowhere.
@@ -156,7 +154,7 @@ pub fn write_report(to: &Path, plans: &[Verified]) -> Result<PathBuf, GoldenErro
         let mut shown = Pictures::new();
         for (name, picture) in pictures {
             let file = format!("{}/{}", verdict.plan, name.replace('/', "."));
-            save(&staging.begin(&file)?, &encode_png(picture)?)?;
+            save(&staging.begin(&file)?, picture)?;
             shown.push((name.clone(), file));
         }
         sections.push((verdict, shown));
