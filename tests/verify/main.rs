@@ -36,7 +36,7 @@ fn plans() -> Vec<PathBuf> {
                 .is_some_and(|extension| extension == "toml")
         })
         .collect();
-    plans.sort();
+    plans.sort_by_key(|plan| name(plan).to_owned());
     plans
 }
 
