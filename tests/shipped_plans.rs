@@ -18,7 +18,7 @@ use std::sync::OnceLock;
 use insta::internals::SnapshotContents;
 use insta::{Comparator, Snapshot};
 use rhinoplan::exec::events::Silent;
-use rhinoplan::exec::{self, RunReport};
+use rhinoplan::exec::{self, RunOptions, RunReport};
 use rhinoplan::measure::REGION_NAMES;
 use rhinoplan::phantom::Phantom;
 use rhinoplan::report::markdown;
@@ -48,7 +48,7 @@ fn run(name: &str) -> RunReport {
     let plan = root().join("plans").join(format!("{name}.toml"));
     let out = tempfile::tempdir().unwrap();
     let ready = exec::prepare(&[plan]).unwrap();
-    exec::run(&ready[0], out.path(), &Silent).unwrap()
+    exec::run(&ready[0], out.path(), &RunOptions::default(), &Silent).unwrap()
 }
 
 /// Each plan is run once, whichever test comes first.

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 
+use crate::exec::Part;
+
 /// Rhinoplasty planning on head CT: plan files, volume morphing, measurements.
 ///
 /// A planning aid, not a prediction of a surgical result.
@@ -31,6 +33,28 @@ pub(super) struct Args {
     pub threads: Option<u16>,
 }
 
+/// How a plan is run; none of it changes what comes out.
+#[derive(Debug, clap::Args)]
+pub(super) struct How {
+    /// Compute everything again. Without this, results of earlier runs in the folder that still hold are kept.
+    #[arg(long)]
+    pub force: bool,
+
+    /// End a plan with its first candidate that cannot be computed. Without this, the others are computed.
+    #[arg(long)]
+    pub fail_fast: bool,
+
+    /// How much memory candidates may take that are computed beside each other, as 8GiB; what the machine has
+    /// free by default. Fewer run at a time where there is less, at least one.
+    #[arg(long, value_name = "SIZE")]
+    pub memory: Option<bytesize::ByteSize>,
+
+    /// Compute one of several parts of the candidates of all plans, as 2/5, into `<plan>.2-of-5`; `compare` joins
+    /// the parts.
+    #[arg(long, value_name = "K/N", value_parser = shard)]
+    pub shard: Option<(u32, u32)>,
+}
+
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// Compute every candidate and stage of every plan.
@@ -52,6 +76,9 @@ pub(super) enum Command {
         /// this, only where none of a plan does.
         #[arg(long)]
         strict: bool,
+
+        #[command(flatten)]
+        how: How,
     },
     /// Check plans and the headers of their CTs, without computing.
     #[command(after_help = EXIT_CODES)]
@@ -131,6 +158,9 @@ pub(super) enum Command {
         #[arg(long, value_name = "UID")]
         series: Option<String>,
     },
+    /// Print the JSON Schema of plan files, for editors that complete and check them.
+    #[command(after_help = SCHEMA_HELP)]
+    Schema,
     /// Write the built-in synthetic head `lee2001`.
     Phantom {
         /// The file to write (.nii or .nii.gz).
@@ -141,6 +171,8 @@ pub(super) enum Command {
 
 /// Far more than any machine profits from. Tens of thousands would be started, one system thread each.
 const MAX_THREADS: i64 = 1024;
+/// More parts are none that anyone has machines for.
+const MAX_SHARDS: u32 = 10_000;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -150,6 +182,12 @@ Exit codes:
   4   no candidate keeps the limits of its plan; with --strict, one does not
   5   what a plan gives differs from its golden
   70  a bug of this program";
+
+const SCHEMA_HELP: &str = "\
+Save it, and name it in the first line of a plan:
+  rhinoplan schema > plan.schema.json
+  #:schema ./plan.schema.json
+Editors that use Taplo (Even Better TOML for Visual Studio Code, among others) read that line.";
 
 /// The name of a file to write, whose ending tells whether it is compressed.
 fn nifti_name(text: &str) -> Result<PathBuf, String> {
@@ -189,5 +227,24 @@ mod tests {
         for name in ["head", "head.gz", "head.mha", "nii"] {
             assert!(nifti_name(name).is_err(), "{name}");
         }
+    }
+}
+
+impl How {
+    /// The part of a plan's candidates that is asked for, where so many are of plans before it.
+    pub fn part(&self, before: usize) -> Option<Part> {
+        self.shard.map(|(number, of)| Part { number, of, before })
+    }
+}
+
+/// `K/N`, K from 1 to N.
+fn shard(text: &str) -> Result<(u32, u32), String> {
+    let parsed = text.split_once('/');
+    let parsed = parsed.and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
+    match parsed {
+        Some((k, n)) if (1..=n).contains(&k) && n <= MAX_SHARDS => Ok((k, n)),
+        _ => Err(format!(
+            "expected K/N, as 2/5 for the second of five parts, K from 1 to N, N at most {MAX_SHARDS}"
+        )),
     }
 }

@@ -4,36 +4,57 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use super::args::How;
+use super::outcomes::Outcomes;
 use super::output::Output;
 use super::progress::Progress;
 use crate::exec::ct::{self, Ct, CtError, CtHeader, CtKind};
 use crate::exec::landmarks::LandmarksOnCt;
 use crate::exec::nose::HuRange;
 use crate::exec::preflight::output_folder;
-use crate::exec::run::phases;
-use crate::exec::{self, ExitCode, Ready, Refusal, RunReport};
+use crate::exec::{self, Because, ExitCode, Ready, Refusal, RunOptions, RunReport, Step, selected};
 use crate::io::artifact::Artifact;
 use crate::io::dicom::{self, DicomProblem, Folder, OtherFiles};
 use crate::io::nifti;
-use crate::plan::{CtSource, Phantom};
+use crate::plan::{self, CtSource, Phantom};
 use crate::space::Grid;
 use crate::with_volume;
 
 /// `run`: each plan in turn. A plan that fails does not stop the next; the worst exit code is kept.
-pub(super) fn run(plans: &[PathBuf], out: &Path, strict: bool, output: &Output) -> ExitCode {
-    let ready = match prepare_into(plans, out) {
+pub(super) fn run(
+    plans: &[PathBuf],
+    out: &Path,
+    strict: bool,
+    how: &How,
+    output: &Output,
+) -> ExitCode {
+    let ready = match prepare_into(plans, out, how) {
         Ok(ready) => ready,
         Err(refusal) => return refuse(&refusal, output),
     };
     let mut code = ExitCode::Done;
-    for plan in &ready {
+    let mut outcomes = Outcomes::default();
+    for (plan, options) in with_options(&ready, how) {
+        let name = &plan.plan.name;
+        if selected(&plan.plan, options.part.as_ref()).is_empty() {
+            output.note(&format!(
+                "{}: this part has none of its candidates",
+                plan.file
+            ));
+            continue;
+        }
         let progress = Progress::new(output);
-        let result = exec::run(plan, out, &progress);
+        let result = exec::run(plan, out, &options, &progress);
         drop(progress);
         match result {
             Ok(report) => {
                 output.result(&summary(&report));
+                outcomes.add(name, &report.candidates);
+                for failed in &report.record.failed {
+                    output.error(&format!("{}: {}", plan.file, failed.error));
+                }
                 output.push("runs", &report);
+                code = code.worse(report.code);
                 if !report.record.is_accepted(strict) {
                     code = code.worse(ExitCode::NotAccepted);
                 }
@@ -42,52 +63,101 @@ pub(super) fn run(plans: &[PathBuf], out: &Path, strict: bool, output: &Output) 
                 output.error(&format!("{}: {error}", plan.file));
                 output
                     .note("nothing of this plan was written; what earlier runs wrote is unchanged");
+                outcomes.add_failed(name, &error.to_string());
                 code = code.worse(error.exit_code());
             }
         }
     }
+    if outcomes.are_worth_a_table() {
+        output.result(&outcomes.table());
+    }
     code
 }
 
-pub(super) fn prepare_into(plans: &[PathBuf], out: &Path) -> Result<Vec<Ready>, Refusal> {
+fn prepare_into(plans: &[PathBuf], out: &Path, how: &How) -> Result<Vec<Ready>, Refusal> {
     let ready = exec::prepare(plans)?;
-    exec::check_folders(&ready, out)?;
+    exec::check_folders(&ready, out, how.part(0).as_ref())?;
     Ok(ready)
 }
 
-/// `run --dry-run`: what would be done.
-pub(super) fn dry_run(plans: &[PathBuf], out: &Path, output: &Output) -> ExitCode {
-    let ready = match prepare_into(plans, out) {
+/// Each plan with how it is run: parts are dealt out over the candidates of all plans.
+fn with_options<'a>(ready: &'a [Ready], how: &How) -> Vec<(&'a Ready, RunOptions)> {
+    let mut before = 0;
+    let each = ready.iter().map(|plan| {
+        let options = RunOptions {
+            force: how.force,
+            fail_fast: how.fail_fast,
+            memory: how.memory.map(|size| size.as_u64()),
+            part: how.part(before),
+        };
+        before += plan.plan.candidates.len();
+        (plan, options)
+    });
+    each.collect()
+}
+
+/// `run --dry-run`: what would be done, and why.
+pub(super) fn dry_run(plans: &[PathBuf], out: &Path, how: &How, output: &Output) -> ExitCode {
+    let ready = match prepare_into(plans, out, how) {
         Ok(ready) => ready,
         Err(refusal) => return refuse(&refusal, output),
     };
-    for Ready { file, plan, ct, .. } in &ready {
+    let mut code = ExitCode::Done;
+    for (ready, options) in with_options(&ready, how) {
+        let Ready { file, plan, ct, .. } = ready;
         warn(file, ct, output);
-        let steps = phases(plan);
+        let reasons = match exec::reasons(ready, out, &options) {
+            Ok(reasons) => reasons,
+            Err(error) => {
+                output.error(&format!("{file}: {error}"));
+                code = code.worse(error.exit_code());
+                continue;
+            }
+        };
+        let selected = selected(plan, options.part.as_ref());
+        let steps = exec::steps(plan, &selected);
+        let runs = |step: Step<'_>| reasons.of(step) != Some(&Because::Unchanged);
+        let count_of = |wanted: &dyn Fn(Step<'_>) -> bool| -> usize {
+            let wanted = steps.iter().filter(|(step, _)| wanted(*step));
+            wanted.map(|(_, phases)| phases.len()).sum()
+        };
         output.result(&format!(
-            "{} ({} steps) into {}",
+            "{} ({} of {} steps) into {}",
             plan.name,
-            steps.len(),
-            output_folder(out, plan).display()
+            count_of(&runs),
+            count_of(&|_| true),
+            output_folder(out, plan, options.part.as_ref()).display()
         ));
-        for (phase, place) in &steps {
-            output.result(&match place {
-                None => format!("  {}", phase.describe()),
-                Some(place) => format!(
-                    "  {} / {}: {}",
-                    place.candidate,
-                    place.stage,
-                    phase.describe()
-                ),
-            });
+        let mut listed = Vec::new();
+        for (step, phases) in &steps {
+            let because = reasons.of(*step);
+            if let Some(because) = because {
+                output.result(&format!("  {}: {because}", describe_step(*step)));
+            }
+            for phase in phases.iter().filter(|_| runs(*step)) {
+                let deeper = if because.is_some() { "  " } else { "" };
+                output.result(&format!("  {deeper}{}", phase.describe()));
+            }
+            listed.extend(phases.iter().map(|phase| {
+                let place = match step {
+                    Step::Stage(place) => Some(place),
+                    _ => None,
+                };
+                json!({ "phase": phase, "at": place, "why": because, "runs": runs(*step) })
+            }));
         }
-        let steps: Vec<_> = steps
-            .iter()
-            .map(|(phase, place)| json!({ "phase": phase, "at": place }))
-            .collect();
-        output.push("plans", json!({ "plan": plan.name, "steps": steps }));
+        output.push("plans", json!({ "plan": plan.name, "steps": listed }));
     }
-    ExitCode::Done
+    code
+}
+
+fn describe_step(step: Step<'_>) -> String {
+    match step {
+        Step::Always => String::new(),
+        Step::Start => "the nose as it is".to_owned(),
+        Step::Stage(place) => format!("{} / {}", place.candidate, place.stage),
+        Step::Joint => "all candidates".to_owned(),
+    }
 }
 
 /// `check`: everything that can be known without computing.
@@ -225,6 +295,15 @@ pub(super) fn landmarks(file: &Path, ct: &Path, series: Option<&str>, output: &O
     }
     output.result(found.plan_text().trim_end());
     output.set("landmarks", &found);
+    ExitCode::Done
+}
+
+/// `schema`: the JSON Schema of plans.
+pub(super) fn schema(output: &Output) -> ExitCode {
+    let schema = plan::schema();
+    // `{:#}` of a JSON value is its text over several lines.
+    output.result(&format!("{schema:#}"));
+    output.set("schema", schema);
     ExitCode::Done
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::commands::{prepare_into, refuse};
+use super::commands::refuse;
 use super::output::Output;
 use super::progress::Progress;
 use crate::exec::golden::{self, Golden, GoldenError, Verified};
@@ -124,10 +124,12 @@ fn begin(request: &Request<'_>, output: &Output) -> Result<(Vec<Ready>, Settings
         output.error(&error.to_string());
         error.exit_code()
     })?;
-    let ready = match request.out {
-        Some(out) => prepare_into(request.plans, out),
-        None => exec::prepare(request.plans),
-    };
+    let ready = exec::prepare(request.plans).and_then(|ready| {
+        if let Some(out) = request.out {
+            exec::check_folders(&ready, out, None)?;
+        }
+        Ok(ready)
+    });
     match ready {
         Ok(ready) => Ok((ready, settings)),
         Err(refusal) => Err(refuse(&refusal, output)),

@@ -6,6 +6,7 @@
 mod args;
 mod commands;
 mod golden;
+mod outcomes;
 mod output;
 mod progress;
 
@@ -69,11 +70,12 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
             plans,
             out,
             dry_run,
-            ..
-        } if *dry_run => commands::dry_run(plans, out, output),
-        Command::Run {
-            plans, out, strict, ..
-        } => commands::run(plans, out, *strict, output),
+            strict,
+            how,
+        } => match (dry_run, how) {
+            (true, how) => commands::dry_run(plans, out, how, output),
+            (false, how) => commands::run(plans, out, *strict, how, output),
+        },
         Command::Compare { folders, out } => commands::compare(folders, out, output),
         Command::Bless { plans, golden, out } => {
             let request = Request {
@@ -101,6 +103,7 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
         Command::Landmarks { file, ct, series } => {
             commands::landmarks(file, ct, series.as_deref(), output)
         }
+        Command::Schema => commands::schema(output),
         Command::Phantom { output: path } => commands::phantom(path, output),
     }
 }

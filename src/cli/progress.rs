@@ -1,18 +1,18 @@
 //! Progress on a terminal: a bar for each plan and a line for the phase at work.
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use super::output::Output;
 use crate::exec::{Event, Observer, Phase, Place};
-use std::cell::RefCell;
 
 /// Draws events, or only passes warnings on where there is no terminal.
 pub(super) struct Progress<'a> {
     output: &'a Output,
     bars: MultiProgress,
-    current: RefCell<Option<Bars>>,
+    current: Mutex<Option<Bars>>,
 }
 
 struct Bars {
@@ -25,7 +25,7 @@ impl<'a> Progress<'a> {
         Self {
             output,
             bars: MultiProgress::new(),
-            current: RefCell::new(None),
+            current: Mutex::new(None),
         }
     }
 
@@ -42,11 +42,15 @@ impl<'a> Progress<'a> {
         let phase = self.bars.add(ProgressBar::new_spinner());
         phase.set_style(style("  {spinner} {msg}", ""));
         phase.enable_steady_tick(Duration::from_millis(120));
-        *self.current.borrow_mut() = Some(Bars { plan: bar, phase });
+        *self.current() = Some(Bars { plan: bar, phase });
+    }
+
+    fn current(&self) -> MutexGuard<'_, Option<Bars>> {
+        self.current.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn with_bars(&self, work: impl FnOnce(&Bars)) {
-        if let Some(bars) = &*self.current.borrow() {
+        if let Some(bars) = &*self.current() {
             work(bars);
         }
     }
@@ -60,9 +64,10 @@ impl Observer for Progress<'_> {
                 self.with_bars(|bars| bars.phase.set_message(describe(*phase, *place)));
             }
             Event::PhaseFinished(..) => self.with_bars(|bars| bars.plan.inc(1)),
+            Event::Kept(phases) => self.with_bars(|bars| bars.plan.inc(*phases as u64)),
             Event::Warning(text) => self.bars.suspend(|| self.output.warning(text)),
             Event::PlanFinished => {
-                if let Some(bars) = self.current.borrow_mut().take() {
+                if let Some(bars) = self.current().take() {
                     bars.phase.finish_and_clear();
                     bars.plan.finish_and_clear();
                 }
@@ -73,7 +78,7 @@ impl Observer for Progress<'_> {
 
 impl Drop for Progress<'_> {
     fn drop(&mut self) {
-        if let Some(bars) = self.current.borrow_mut().take() {
+        if let Some(bars) = self.current().take() {
             bars.phase.finish_and_clear();
             bars.plan.finish_and_clear();
         }

@@ -20,6 +20,8 @@ pub struct Measure {
     pub name: &'static str,
     /// Its unit there.
     pub unit: &'static str,
+    /// What it is, with its unit, in a sentence.
+    pub about: &'static str,
     /// What a number that stands alone limits.
     pub bare: BareNumber,
     /// Whether a change of it in percent means something: it has a zero that is nothing, and before the
@@ -32,7 +34,8 @@ const VOLUMES: [&str; REGIONS] = [
     "volume_I", "volume_J", "volume_K",
 ];
 
-const COUNT: usize = REGIONS + 12;
+/// How many measures there are.
+pub(crate) const COUNT: usize = REGIONS + 12;
 
 /// Every measure, in the order of `measurements.csv`.
 pub const MEASURES: [Measure; COUNT] = measures();
@@ -42,53 +45,87 @@ pub fn measure(name: &str) -> Option<&'static Measure> {
     MEASURES.iter().find(|measure| measure.name == name)
 }
 
-const fn sized(name: &'static str, unit: &'static str) -> Measure {
+const fn sized(name: &'static str, unit: &'static str, about: &'static str) -> Measure {
     Measure {
         name,
         unit,
+        about,
         bare: BareNumber::Nothing,
         has_percent: true,
     }
 }
 
-const fn placed(name: &'static str) -> Measure {
+const fn placed(name: &'static str, about: &'static str) -> Measure {
     Measure {
         name,
         unit: "voxel",
+        about,
         bare: BareNumber::Nothing,
         has_percent: false,
     }
 }
 
-const fn extreme(name: &'static str, unit: &'static str, bare: BareNumber) -> Measure {
+const fn extreme(
+    name: &'static str,
+    unit: &'static str,
+    bare: BareNumber,
+    about: &'static str,
+) -> Measure {
     Measure {
         name,
         unit,
+        about,
         bare,
         has_percent: false,
     }
 }
 
+const TOTAL: Measure = sized("volume_total", "mm3", "Tissue of all regions, mm3.");
+
 const fn measures() -> [Measure; COUNT] {
-    let mut all = [sized("volume_total", "mm3"); COUNT];
+    let mut all = [TOTAL; COUNT];
     let mut place = 0;
     while place < REGIONS {
-        all[place] = sized(VOLUMES[place], "mm3");
+        all[place] = sized(VOLUMES[place], "mm3", "Tissue of the region, mm3.");
         place += 1;
     }
     let others = [
-        sized("volume_total", "mm3"),
-        sized("gamma", "deg"),
-        sized("height", "mm"),
-        placed("tip_x"),
-        placed("tip_y"),
-        placed("tip_z"),
-        placed("move_x"),
-        placed("move_y"),
-        placed("move_z"),
-        extreme("jacobian_min", "1", BareNumber::Least),
-        extreme("displacement_max", "mm", BareNumber::Most),
-        extreme("displacement_max_outside", "mm", BareNumber::Most),
+        TOTAL,
+        sized("gamma", "deg", "The angle at the tip, degrees."),
+        sized("height", "mm", "From the tip to the base plane, mm."),
+        placed("tip_x", "Where the tip is, voxels, to the left."),
+        placed("tip_y", "Where the tip is, voxels, to the back."),
+        placed("tip_z", "Where the tip is, voxels, upwards."),
+        placed(
+            "move_x",
+            "How far the last stage moved the tip, voxels, to the left.",
+        ),
+        placed(
+            "move_y",
+            "How far the last stage moved the tip, voxels, to the back.",
+        ),
+        placed(
+            "move_z",
+            "How far the last stage moved the tip, voxels, upwards.",
+        ),
+        extreme(
+            "jacobian_min",
+            "1",
+            BareNumber::Least,
+            "The smallest Jacobian determinant of the map since the nose as it is.",
+        ),
+        extreme(
+            "displacement_max",
+            "mm",
+            BareNumber::Most,
+            "The largest displacement since the nose as it is, mm.",
+        ),
+        extreme(
+            "displacement_max_outside",
+            "mm",
+            BareNumber::Most,
+            "The largest displacement outside the nose's box, mm.",
+        ),
     ];
     while place < COUNT {
         all[place] = others[place - REGIONS];

@@ -9,4 +9,5 @@ mod measure;
 
 pub use accept::{Accept, Checked, Limit, Quantity, Verdict};
 pub use change::{Change, SurfaceDifference};
+pub(crate) use measure::COUNT;
 pub use measure::{BareNumber, MEASURES, Measure, measure};

@@ -18,9 +18,10 @@ use crate::surface::SurfaceError;
 use crate::volume::VolumeError;
 
 /// The exit codes of the program.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ExitCode {
     /// Everything was done.
+    #[default]
     Done = 0,
     /// The command line or a plan is wrong, or outputs cannot be written where they were asked for.
     Usage = 2,
@@ -115,6 +116,14 @@ pub enum RunError {
         /// Why.
         source: LineError,
     },
+    /// Several candidates cannot be computed.
+    #[error("{first} (and {others} more candidates cannot be computed)")]
+    Candidates {
+        /// The first of them.
+        first: Box<RunError>,
+        /// How many more.
+        others: usize,
+    },
     /// The volume has no half.
     #[error("{0}; use scale = \"full\"")]
     Half(#[from] HalfError),
@@ -142,9 +151,24 @@ pub enum RunError {
 }
 
 impl RunError {
+    /// Whether it is about one candidate, and others can be computed all the same.
+    pub fn is_of_one_candidate(&self) -> bool {
+        matches!(
+            self,
+            Self::Candidates { .. }
+                | Self::Measure { .. }
+                | Self::Line { .. }
+                | Self::Half(_)
+                | Self::Volume(_)
+                | Self::Mesh(_)
+                | Self::Pictures(_)
+        )
+    }
+
     /// What the process ends with.
     pub fn exit_code(&self) -> ExitCode {
         match self {
+            Self::Candidates { first, .. } => first.exit_code(),
             Self::Ct(_) | Self::Skin(_) | Self::NoNose(_) => ExitCode::Input,
             Self::Preoperative(_) | Self::Measure { .. } => ExitCode::Input,
             Self::Half(_) | Self::Volume(_) | Self::Mesh(_) | Self::SkinAtLandmarks(_) => {

@@ -102,15 +102,17 @@ pub enum Event<'a> {
     PhaseStarted(Phase, Option<Place<'a>>),
     /// The phase that began last is over.
     PhaseFinished(Phase, Option<Place<'a>>),
+    /// Results of an earlier run are kept, and so many phases need not run.
+    Kept(usize),
     /// Something that the user should know, and that does not stop the run.
     Warning(String),
     /// The plan is finished.
     PlanFinished,
 }
 
-/// Hears of events, in order.
-pub trait Observer {
-    /// Called for each event, on the thread that runs the plan.
+/// Hears of events. Those of one candidate come in order; candidates can be computed beside each other.
+pub trait Observer: Sync {
+    /// Called for each event, on the thread where it happens.
     fn on(&self, event: &Event<'_>);
 }
 

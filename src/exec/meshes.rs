@@ -49,7 +49,7 @@ impl<'a> Workshop<'a> {
         plan: &'a Plan,
         skin_hu: f64,
         preoperative: &Volume<f32>,
-        staging: &mut Staging,
+        staging: &Staging,
     ) -> Result<(Self, Option<MeshesRecord>), RunError> {
         let enhanced = objects::enhanced(plan, preoperative).map_err(PicturesError::from)?;
         let skin = objects::skin(plan, skin_hu, &enhanced)?;
@@ -77,7 +77,7 @@ impl<'a> Workshop<'a> {
     /// Writes the meshes and solids of a stage, as far as they are asked for.
     pub(super) fn stage(
         &self,
-        staging: &mut Staging,
+        staging: &Staging,
         folder: &Path,
         preoperative: &Volume<f32>,
         volume: &Volume<f32>,
@@ -157,13 +157,13 @@ fn write_meshes(
     skin_hu: f64,
     volume: &Volume<f32>,
     skin: &Mask,
-    staging: &mut Staging,
+    staging: &Staging,
     folder: &Path,
 ) -> Result<Written, RunError> {
     let grid = volume.grid();
     let bone_hu = plan.segment.bone_hu;
     let bone = objects::bone(plan, volume, skin)?;
-    let mut object = |name: &str, mask: &Mask, threshold_hu: f64| {
+    let object = |name: &str, mask: &Mask, threshold_hu: f64| {
         let made = make(plan, volume, mask, threshold_hu)?;
         if let Some((mesh, _)) = &made {
             write(staging, &folder.join(name), |to| write_stl(to, mesh, grid))?;
@@ -215,12 +215,7 @@ fn make(
     Ok(Some((mesh, record)))
 }
 
-fn write_solid(
-    staging: &mut Staging,
-    name: &Path,
-    solid: &Solid,
-    grid: &Grid,
-) -> Result<(), RunError> {
+fn write_solid(staging: &Staging, name: &Path, solid: &Solid, grid: &Grid) -> Result<(), RunError> {
     if solid.mesh.is_empty() {
         return Ok(());
     }
@@ -229,7 +224,7 @@ fn write_solid(
 
 /// Writes a file that will be published under `name`.
 fn write(
-    staging: &mut Staging,
+    staging: &Staging,
     name: &Path,
     fill: impl FnOnce(&mut Artifact) -> io::Result<()>,
 ) -> Result<(), RunError> {

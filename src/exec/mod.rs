@@ -4,11 +4,14 @@
 //! them and tells an [`Observer`] how it goes. [`golden`] holds what they give against what is kept. None of them knows a
 //! terminal.
 
+mod batch;
+mod candidate;
 pub mod comparison;
 pub mod ct;
 pub mod error;
 pub mod events;
 pub mod golden;
+mod kept;
 pub mod landmarks;
 mod meshes;
 pub mod nose;
@@ -22,8 +25,10 @@ pub mod skin_landmarks;
 mod surfaces;
 mod timings;
 
+pub use batch::{Part, selected};
 pub use comparison::{CompareError, CompareReport, compare};
 pub use error::{ExitCode, RunError};
 pub use events::{Event, Observer, Phase, Place};
+pub use kept::{Because, NUMERIC_VERSION, Reasons, StageReason};
 pub use preflight::{Ready, Refusal, check_folders, prepare};
-pub use run::{RunReport, run};
+pub use run::{CandidateOutcome, RunOptions, RunReport, Step, reasons, run, steps};

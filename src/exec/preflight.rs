@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use super::batch::Part;
 use super::ct::{self, CtHeader};
 use super::error::ExitCode;
 use crate::plan::{Diagnostic, Diagnostics, Plan, PlanFile};
@@ -133,19 +134,19 @@ fn prepare_one(file: &PlanFile, refusal: &mut Refusal) -> Option<Ready> {
 ///
 /// # Errors
 /// [`Refusal`] that names the plans.
-pub fn check_folders(plans: &[Ready], out: &Path) -> Result<(), Refusal> {
+pub fn check_folders(plans: &[Ready], out: &Path, part: Option<&Part>) -> Result<(), Refusal> {
     let mut refusal = Refusal::default();
     let mut folders: HashMap<PathBuf, &Ready> = HashMap::new();
     for ready in plans {
         // One that is not there is no link, and is told apart by its name.
-        let Ok(folder) = output_folder(out, &ready.plan).canonicalize() else {
+        let Ok(folder) = output_folder(out, &ready.plan, part).canonicalize() else {
             continue;
         };
         if let Some(first) = folders.insert(folder, ready) {
             refusal.folders.push(format!(
                 "`{}` and `{}`, of {} and {}, are the same folder; give the plans folders of their own",
-                output_folder(out, &first.plan).display(),
-                output_folder(out, &ready.plan).display(),
+                output_folder(out, &first.plan, part).display(),
+                output_folder(out, &ready.plan, part).display(),
                 first.file,
                 ready.file,
             ));
@@ -158,7 +159,11 @@ pub fn check_folders(plans: &[Ready], out: &Path) -> Result<(), Refusal> {
     }
 }
 
-/// The folder that a plan's outputs go to.
-pub fn output_folder(out: &Path, plan: &Plan) -> PathBuf {
-    out.join(&plan.name)
+/// The folder that the outputs of a plan go to, or of a part of its candidates: `<plan>`, `<plan>.2-of-5`. No plan has
+/// a name with a point in it.
+pub fn output_folder(out: &Path, plan: &Plan, part: Option<&Part>) -> PathBuf {
+    match part {
+        None => out.join(&plan.name),
+        Some(Part { number, of, .. }) => out.join(format!("{}.{number}-of-{of}", plan.name)),
+    }
 }

@@ -2,14 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
+use image::RgbImage;
 use serde::{Serialize, Serializer};
 
-use super::comparison::{self, Skins};
+use super::batch::{self, Part, selected};
+use super::candidate::{Bench, Finished};
+use super::comparison::{self, Skins, differences};
 use super::ct::{self, Ct};
-use super::error::RunError;
-use super::events::{Event, Observer, Phase, Place};
+use super::error::{ExitCode, RunError};
+use super::events::{Event, Observer, Phase, Place, Silent};
+use super::kept::{self, Beside, JointNote, Keys, Outlook, Reasons, StageNote};
 use super::nose::{nose_exists, regions_hold_a_nose, skin_exists};
-use super::operation::Operation;
+use super::pictures::{
+    CandidateProfiles, PREOPERATIVE_FOLDER, PicturesError, write_charts, write_sheets,
+};
 use super::preflight::{Ready, output_folder};
 use super::skin::skin_hu;
 use super::skin_landmarks::{SkinLandmark, moved, skin_landmarks};
@@ -18,18 +24,14 @@ use super::timings::{Clock, Timings};
 use crate::compare::SurfaceDifference;
 use crate::feature::FeatureLine;
 use crate::io::artifact::save;
-use crate::io::nifti::{Template, save_displacement, save_volume};
-use crate::io::nrrd::{self, OutputType};
-use crate::io::staging::Staging;
+use crate::io::nrrd::OutputType;
+use crate::io::staging::{Earlier, Staging};
 use crate::measure::{MeasureError, NoseGeometry, RegionVolumes, Slabs, region_volumes};
-use crate::morph::audit::WarpAudit;
-use crate::morph::displacement::fill_component;
-use crate::morph::field::Field;
-use crate::morph::inverse::InverseAudit;
-use crate::plan::{Candidate, Method, Model, Plan, Scale};
+use crate::picture::{decode_png, encode_png};
+use crate::plan::{Candidate, Found, Method, Model, Plan, Scale};
 use crate::report::record::{
-    CandidateRecord, FORMAT, Inputs, Measures, OperationRecord, PREOPERATIVE, PlanRecord, Program,
-    RunRecord, SnapRecord, SnappedLandmark, StageRecord,
+    CandidateRecord, FORMAT, FailedRecord, Inputs, Measures, PlanRecord, Program, RunRecord,
+    SnapRecord, SnappedLandmark, StageRecord,
 };
 use crate::report::{csv, markdown};
 use crate::segment::segment;
@@ -51,6 +53,45 @@ pub struct RunReport {
     pub warnings: Vec<String>,
     /// Files of earlier runs that this plan does not write and that were removed, by their names in the folder.
     pub removed: Vec<String>,
+    /// What became of each candidate, in the order of the plan.
+    pub candidates: Vec<CandidateOutcome>,
+    /// What the process ends with for candidates that failed.
+    #[serde(skip)]
+    pub code: ExitCode,
+}
+
+/// What became of a candidate.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct CandidateOutcome {
+    /// Its name.
+    pub name: String,
+    /// Stages that were computed.
+    pub computed: usize,
+    /// Stages that were kept of an earlier run.
+    pub kept: usize,
+    /// Why there is nothing of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+impl CandidateOutcome {
+    fn finished(candidate: &Candidate, finished: &Finished) -> Self {
+        Self {
+            name: candidate.name.clone(),
+            computed: candidate.stages.len() - finished.kept,
+            kept: finished.kept,
+            error: None,
+        }
+    }
+
+    fn failed(candidate: &Candidate, error: &RunError) -> Self {
+        Self {
+            name: candidate.name.clone(),
+            computed: 0,
+            kept: 0,
+            error: Some(error.to_string()),
+        }
+    }
 }
 
 /// A path need not be Unicode, a document must be.
@@ -58,92 +99,122 @@ fn shown<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
     to.collect_str(&path.display())
 }
 
-/// Computes every candidate and stage of a plan and puts the outputs into `out`, in a folder of the plan's
-/// name: all of them at the end, or none.
+/// How a run is done. None of it changes what comes out.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RunOptions {
+    /// Compute everything, whatever earlier runs left.
+    pub force: bool,
+    /// End a plan with its first candidate that cannot be computed.
+    pub fail_fast: bool,
+    /// How much memory candidates that are computed beside each other may take, bytes; what the machine has free
+    /// where it is not given.
+    pub memory: Option<u64>,
+    /// Which part of the candidates is computed: all where it is not given.
+    pub part: Option<Part>,
+}
+
+/// Computes candidates of a plan and puts the outputs into `out`, in a folder of the plan's name: all of them at the
+/// end, or none. Results of earlier runs that still hold are kept. A candidate that cannot be computed is left out,
+/// with the reason in the record, where another can be.
 ///
 /// # Errors
 /// [`RunError`]; what earlier runs wrote is then as it was.
-pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunReport, RunError> {
+pub fn run(
+    ready: &Ready,
+    out: &Path,
+    options: &RunOptions,
+    observer: &dyn Observer,
+) -> Result<RunReport, RunError> {
     let plan = &ready.plan;
-    let folder = output_folder(out, plan);
+    let folder = output_folder(out, plan, options.part.as_ref());
+    let selected = selected(plan, options.part.as_ref());
     let mut clock = Clock::new(observer);
-    let phases = phases(plan).len();
     clock.tell(&Event::PlanStarted {
         plan: &plan.name,
-        phases,
+        phases: steps(plan, &selected)
+            .iter()
+            .map(|(_, phases)| phases.len())
+            .sum(),
     });
-    let mut staging = Staging::new(&folder)?;
+    let staging = Staging::new(&folder)?;
+    let earlier = staging.earlier();
     // Of this disk: told, but not part of the record.
     let mut warnings: Vec<String> = staging.warning().into_iter().collect();
     for warning in &warnings {
         clock.tell(&Event::Warning(warning.clone()));
     }
-    let (ct, skin_hu) = clock.time(Phase::Read, None, || {
-        let ct = ct::load(&plan.ct)?;
-        let skin_hu = skin_hu(&plan.segment, &ct.volume)?;
-        Ok::<_, RunError>((ct, skin_hu))
-    })?;
-    let (found, moved) = clock.time(
-        Phase::Landmarks,
-        None,
-        || with_volume!(&ct.volume, volume => look_at_landmarks(ready, skin_hu, volume, ct.record.hu_range)),
-    )?;
-    let plan = moved.as_ref().unwrap_or(plan);
-    let mut session = Session {
-        plan,
-        skin_hu,
-        template: &ct.template,
-        nrrd: OutputType::choose(
-            ct.record.sample_type,
-            Rescale {
-                slope: ct.record.slope,
-                intercept: ct.record.intercept,
-            },
-            ct.record.hu_range,
-        ),
-        staging: &mut staging,
-        clock: &mut clock,
-        warnings: Vec::new(),
-        of_input: Vec::new(),
-        surfaces: None,
-        skins: None,
+    let input = Input::read(ready, &mut clock)?;
+    let plan = input.plan(ready);
+    let keys = Keys::new(plan, input.skin_hu, &input.ct.record, &selected)?;
+    let outlook = Outlook::new(plan, &keys, &selected, &earlier, options.force);
+    outlook.keep(&earlier, &staging)?;
+    let of_ct = ready.ct.warning();
+    let of_landmarks = input.found.iter().map(|of| of.warning(plan.snap_mm));
+    let mut of_input: Vec<String> = of_ct.into_iter().chain(of_landmarks.flatten()).collect();
+    for warning in &of_input {
+        clock.tell(&Event::Warning(warning.clone()));
+    }
+    let computed = {
+        let to = To {
+            staging: &staging,
+            keys: &keys,
+            outlook: &outlook,
+            options,
+        };
+        with_volume!(&input.ct.volume, volume => compute(plan, &input, volume, &to, &mut clock))
     };
-    if let Some(warning) = ready.ct.warning() {
-        session.warn(warning);
-    }
-    for landmark in &found {
-        if let Some(warning) = landmark.warning(plan.snap_mm) {
-            session.warn(warning);
+    let computed = match computed {
+        Ok(computed) => computed,
+        Err(Failure { error, leaves }) => {
+            if leaves {
+                // What others came to is there for the next run.
+                staging.leave();
+            }
+            return Err(error);
         }
-    }
-    let candidates = with_volume!(&ct.volume, volume => session.candidates(volume))?;
-    let surface_differences = session.surface_differences();
-    let of_input = session.of_input;
-    warnings.extend(session.warnings);
+    };
+    of_input.extend(computed.of_start);
+    warnings.extend(of_input.iter().cloned());
+    warnings.extend(computed.warnings);
     let record = RunRecord {
         format: FORMAT,
         program: Program::THIS,
         inputs: Inputs {
             plan_sha256: ready.sha256.clone(),
             landmarks_sha256: ready.landmarks_sha256.clone(),
-            ct: ct.record.clone(),
+            ct: input.ct.record.clone(),
         },
         plan: PlanRecord::new(
             plan,
-            skin_hu,
-            ct.volume.grid(),
-            snap_record(plan, &found, ct.volume.grid()),
+            input.skin_hu,
+            input.ct.volume.grid(),
+            snap_record(plan, &input.found, input.ct.volume.grid()),
         ),
+        part: options.part.as_ref().map(Part::record),
         warnings: of_input,
-        candidates,
-        surface_differences,
+        candidates: computed.candidates,
+        failed: computed.failed,
+        surface_differences: computed.surface_differences,
     };
-    drop::<Ct>(ct);
+    let effective = ready.source.effective(
+        plan,
+        Found {
+            grid: input.ct.volume.grid(),
+            ct_sha256: &record.inputs.ct.sha256,
+            skin_hu: input.skin_hu,
+        },
+    );
+    drop::<Input>(input);
     clock.time(Phase::Publish, None, || {
-        write_tables(&mut staging, &record)?;
-        Ok::<_, RunError>(staging.digest()?)
+        if let Some(text) = effective {
+            let path = staging.begin_unlisted("plan.effective.toml")?;
+            save(&path, text.as_bytes())?;
+        }
+        write_tables(&staging, &record)?;
+        staging.digest(Path::new(""))?;
+        Ok::<_, RunError>(())
     })?;
-    let timings = clock.timings(&plan.name);
+    let timings = clock.timings(&record.plan.name);
     write_json(&staging.begin_unlisted("timings.json")?, &timings)?;
     // Last, so that a folder with a record is a finished run.
     write_json(&staging.begin_unlisted("run.json")?, &record)?;
@@ -163,6 +234,360 @@ pub fn run(ready: &Ready, out: &Path, observer: &dyn Observer) -> Result<RunRepo
         timings,
         warnings,
         removed: published.removed,
+        candidates: computed.outcomes,
+        code: computed.code,
+    })
+}
+
+/// What a run reads before it computes.
+struct Input {
+    ct: Ct,
+    skin_hu: f64,
+    found: Vec<SkinLandmark>,
+    /// The plan, resolved once more where its landmarks are moved.
+    moved: Option<Plan>,
+}
+
+impl Input {
+    fn read(ready: &Ready, clock: &mut Clock<'_>) -> Result<Self, RunError> {
+        let (ct, skin_hu) = clock.time(Phase::Read, None, || {
+            let ct = ct::load(&ready.plan.ct)?;
+            let skin_hu = skin_hu(&ready.plan.segment, &ct.volume)?;
+            Ok::<_, RunError>((ct, skin_hu))
+        })?;
+        let (found, moved) = clock.time(Phase::Landmarks, None, || {
+            let range = ct.record.hu_range;
+            with_volume!(&ct.volume, volume => look_at_landmarks(ready, skin_hu, volume, range))
+        })?;
+        Ok(Self {
+            ct,
+            skin_hu,
+            found,
+            moved,
+        })
+    }
+
+    fn plan<'a>(&'a self, ready: &'a Ready) -> &'a Plan {
+        self.moved.as_ref().unwrap_or(&ready.plan)
+    }
+}
+
+/// Why each step of a plan would run or not: what `run` would find in its folder now. The CT is read, where there is
+/// anything to hold it against.
+///
+/// # Errors
+/// [`RunError`] where the CT cannot be used.
+pub fn reasons(ready: &Ready, out: &Path, options: &RunOptions) -> Result<Reasons, RunError> {
+    let selected = selected(&ready.plan, options.part.as_ref());
+    let earlier = Earlier::of(&output_folder(out, &ready.plan, options.part.as_ref()));
+    if earlier.is_empty() {
+        return Ok(Reasons::all_new(&ready.plan, &selected));
+    }
+    let input = Input::read(ready, &mut Clock::new(&Silent))?;
+    let plan = input.plan(ready);
+    let keys = Keys::new(plan, input.skin_hu, &input.ct.record, &selected)?;
+    let outlook = Outlook::new(plan, &keys, &selected, &earlier, options.force);
+    Ok(outlook.reasons(plan))
+}
+
+/// Where a run writes to, and what it keeps.
+struct To<'a> {
+    staging: &'a Staging,
+    keys: &'a Keys,
+    outlook: &'a Outlook,
+    options: &'a RunOptions,
+}
+
+/// Why nothing came out.
+struct Failure {
+    error: RunError,
+    /// Whether there are results of candidates that the next run can keep.
+    leaves: bool,
+}
+
+impl<E: Into<RunError>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self {
+            error: error.into(),
+            leaves: false,
+        }
+    }
+}
+
+/// What came out of all candidates.
+struct ComputedRun {
+    /// What the user should know of the nose as it is.
+    of_start: Vec<String>,
+    warnings: Vec<String>,
+    candidates: Vec<CandidateRecord>,
+    failed: Vec<FailedRecord>,
+    surface_differences: Vec<SurfaceDifference>,
+    outcomes: Vec<CandidateOutcome>,
+    /// Of the candidates that failed.
+    code: ExitCode,
+}
+
+fn compute<T: Sample>(
+    plan: &Plan,
+    input: &Input,
+    preoperative: &Volume<T>,
+    to: &To<'_>,
+    clock: &mut Clock<'_>,
+) -> Result<ComputedRun, Failure> {
+    let record = &input.ct.record;
+    let Begun {
+        note: start,
+        tiles,
+        surfaces,
+        skins,
+    } = begin(plan, input.skin_hu, preoperative, to, clock)?;
+    let mut first = StageRecord::preoperative(start.measures);
+    first.meshes = start.meshes;
+    let bench = Bench {
+        plan,
+        keys: to.keys,
+        skin_hu: input.skin_hu,
+        template: &input.ct.template,
+        nrrd: OutputType::choose(
+            record.sample_type,
+            Rescale {
+                slope: record.slope,
+                intercept: record.intercept,
+            },
+            record.hu_range,
+        ),
+        staging: to.staging,
+        preoperative,
+        start: first,
+        surfaces,
+        skins,
+    };
+    let run = |at: usize, outlook: &[_], clock: &mut Clock<'_>| bench.candidate(at, outlook, clock);
+    let workers = batch::workers(plan, preoperative, to.options.memory);
+    let results = batch::run(
+        &to.outlook.candidates,
+        workers,
+        to.options.fail_fast,
+        clock,
+        run,
+    );
+    let mut all = ComputedRun {
+        of_start: start.warnings.clone(),
+        warnings: Vec::new(),
+        candidates: Vec::new(),
+        failed: Vec::new(),
+        surface_differences: Vec::new(),
+        outcomes: Vec::new(),
+        code: ExitCode::Done,
+    };
+    let mut finished = Vec::new();
+    let mut first_error = None;
+    let (mut stopped, mut fatal) = (false, None);
+    for ((at, _), result) in to.outlook.candidates.iter().zip(results) {
+        let candidate = &plan.candidates[*at];
+        match result {
+            Some(Ok(one)) => {
+                all.outcomes
+                    .push(CandidateOutcome::finished(candidate, &one));
+                finished.push((*at, one));
+            }
+            Some(Err(error)) if !error.is_of_one_candidate() => fatal = fatal.or(Some(error)),
+            Some(Err(error)) => {
+                to.staging.forget(Path::new(&candidate.name));
+                all.outcomes
+                    .push(CandidateOutcome::failed(candidate, &error));
+                all.failed.push(FailedRecord {
+                    candidate: candidate.name.clone(),
+                    error: error.to_string(),
+                });
+                all.code = all.code.worse(error.exit_code());
+                first_error = first_error.or(Some(error));
+            }
+            None => stopped = true,
+        }
+    }
+    if let Some(error) = fatal {
+        return Err(error.into());
+    }
+    if let Some(error) = first_error
+        && (stopped || to.options.fail_fast || finished.is_empty())
+    {
+        let error = match all.failed.len() {
+            0 | 1 => error,
+            others => RunError::Candidates {
+                first: Box::new(error),
+                others: others - 1,
+            },
+        };
+        let leaves = !finished.is_empty();
+        return Err(Failure { error, leaves });
+    }
+    all.surface_differences = finish(&bench, to, (&start, tiles.as_deref()), &finished, clock)?;
+    for (_, one) in finished {
+        all.warnings.extend(one.warnings);
+        all.candidates.push(one.record);
+    }
+    Ok(all)
+}
+
+/// The nose as it is, and what is made of it for candidates.
+struct Begun<'a> {
+    note: StageNote,
+    /// Its pictures on the contact sheet, as PNG, where it was drawn.
+    tiles: Option<Vec<u8>>,
+    surfaces: Option<Surfaces<'a>>,
+    skins: Option<Skins>,
+}
+
+/// The nose as it is: measured, drawn and meshed, or kept.
+fn begin<'a, T: Sample>(
+    plan: &'a Plan,
+    skin_hu: f64,
+    preoperative: &Volume<T>,
+    to: &To<'_>,
+    clock: &mut Clock<'_>,
+) -> Result<Begun<'a>, RunError> {
+    if let Ok(hit) = &to.outlook.start {
+        clock.tell(&Event::Kept(phases_of_start(plan).len()));
+        let note = hit.found().clone();
+        for warning in &note.warnings {
+            clock.tell(&Event::Warning(warning.clone()));
+        }
+        return Ok(Begun {
+            note,
+            tiles: None,
+            surfaces: None,
+            skins: None,
+        });
+    }
+    let measures = clock
+        .time(Phase::Measure, None, || {
+            measure(plan, skin_hu, preoperative, plan.f1, plan.f1)
+        })
+        .map_err(RunError::Preoperative)?;
+    let slabs = Slabs::new(&plan.landmarks).map_err(RunError::Preoperative)?;
+    let volumes = RegionVolumes(measures.volume_mm3);
+    let warning = regions_hold_a_nose(&volumes, &slabs, plan.f1.tip)?;
+    if let Some(warning) = &warning {
+        clock.tell(&Event::Warning(warning.clone()));
+    }
+    let (mut surfaces, mut drawn) = (None, StageSurfaces::default());
+    if surfaces::wanted(plan) {
+        let hu = preoperative.to_hu()?;
+        let (made, found) = Surfaces::begin(plan, skin_hu, hu, to.staging, clock)?;
+        (surfaces, drawn) = (Some(made), found);
+    }
+    let mut skins = None;
+    if Skins::are_wanted(plan) {
+        let find = || Skins::new(plan, skin_hu, preoperative);
+        skins = Some(clock.time(Phase::Skins, None, find)?);
+    }
+    let note = StageNote {
+        warnings: warning.into_iter().collect(),
+        profile: drawn.profile,
+        meshes: drawn.meshes.meshes,
+        ..StageNote::unmoved(measures)
+    };
+    let png = drawn.tiles.as_ref().map(encode_png).transpose();
+    let tiles = png.map_err(PicturesError::from)?;
+    let files = to.staging.digest(Path::new(PREOPERATIVE_FOLDER))?;
+    let (name, key) = (kept::start_name(), &to.keys.start);
+    let beside: Vec<_> = tiles.iter().map(|png| (Beside::Tiles, &png[..])).collect();
+    kept::note(to.staging, &name, key, &note, files, &beside)?;
+    Ok(Begun {
+        note,
+        tiles,
+        surfaces,
+        skins,
+    })
+}
+
+/// What compares stages and candidates: charts, contact sheets, distances between skins.
+fn finish<T: Sample>(
+    bench: &Bench<'_, T>,
+    to: &To<'_>,
+    (start, tiles): (&StageNote, Option<&[u8]>),
+    finished: &[(usize, Finished)],
+    clock: &mut Clock<'_>,
+) -> Result<Vec<SurfaceDifference>, RunError> {
+    let (plan, staging) = (bench.plan, to.staging);
+    if let Ok(hit) = &to.outlook.joint {
+        clock.tell(&Event::Kept(phases_of_all(plan).len()));
+        return Ok(hit.found().surface_differences.clone());
+    }
+    let before = staging.digest(Path::new(""))?;
+    if plan.views.is_some() && plan.candidates.len() > 1 {
+        clock.time(Phase::Sheet, None, || {
+            write_contact_sheets(plan, staging, tiles, finished)
+        })?;
+    }
+    if plan.outputs.charts {
+        let candidates: Vec<CandidateProfiles<'_>> = finished
+            .iter()
+            .map(|(_, one)| {
+                let first = std::iter::once(&start.profile);
+                let profiles = first.chain(&one.profiles);
+                CandidateProfiles {
+                    record: &one.record,
+                    profiles: profiles
+                        .map(|profile| profile.as_deref().unwrap_or_default())
+                        .collect(),
+                }
+            })
+            .collect();
+        let grid = bench.preoperative.grid();
+        clock.time(Phase::Charts, None, || {
+            write_charts(staging, plan, grid, &candidates)
+        })?;
+    }
+    let mut surface_differences = Vec::new();
+    if Skins::are_wanted(plan) {
+        let skins = finished
+            .iter()
+            .filter_map(|(_, one)| Some((one.record.name.as_str(), one.skin.as_ref()?)));
+        let skins: Vec<_> = skins.collect();
+        surface_differences = clock.time(Phase::Skins, None, || differences(&skins));
+    }
+    // Of all candidates only.
+    if finished.len() == to.outlook.candidates.len() {
+        let mut files = staging.digest(Path::new(""))?;
+        files.retain(|file| !before.contains(file));
+        let found = JointNote {
+            surface_differences: surface_differences.clone(),
+        };
+        let (name, key) = (kept::joint_name(), &to.keys.joint);
+        kept::note(staging, &name, key, &found, files, &[])?;
+    }
+    Ok(surface_differences)
+}
+
+/// Of what was drawn in this run the pictures are at hand, of the rest beside the notes.
+fn write_contact_sheets(
+    plan: &Plan,
+    staging: &Staging,
+    start: Option<&[u8]>,
+    finished: &[(usize, Finished)],
+) -> Result<(), RunError> {
+    let picture = |png: Option<&[u8]>, note: &Path| {
+        let kept = match png {
+            Some(_) => Vec::new(),
+            None => kept::read_beside(staging, note, Beside::Tiles)?,
+        };
+        // What this run drew, or what was kept by its SHA-256.
+        Ok::<_, RunError>(decode_png(png.unwrap_or(&kept)).unwrap_or_default())
+    };
+    let start = picture(start, &kept::start_name())?;
+    let names: Vec<&str> = finished
+        .iter()
+        .map(|(_, one)| one.record.name.as_str())
+        .collect();
+    write_sheets(staging, plan, &start, &names, |place| {
+        let Some((at, one)) = finished.get(place) else {
+            return Ok(RgbImage::default());
+        };
+        let candidate = &plan.candidates[*at];
+        let note = kept::stage_name(candidate, candidate.stages.len() - 1);
+        picture(one.tiles.as_deref(), &note)
     })
 }
 
@@ -205,343 +630,118 @@ fn snap_record(plan: &Plan, found: &[SkinLandmark], grid: &Grid) -> Option<SnapR
     })
 }
 
-/// The phases that a plan takes, in order.
-pub fn phases(plan: &Plan) -> Vec<(Phase, Option<Place<'_>>)> {
+/// What some phases of a plan are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step<'a> {
+    /// Reading, and writing what every run writes.
+    Always,
+    /// The nose as it is.
+    Start,
+    /// A stage of a candidate.
+    Stage(Place<'a>),
+    /// What compares candidates.
+    Joint,
+}
+
+/// The steps that a plan takes, in order, of the candidates at these places, each with its phases.
+pub fn steps<'a>(plan: &'a Plan, selected: &[usize]) -> Vec<(Step<'a>, Vec<Phase>)> {
+    let mut steps = vec![
+        (Step::Always, vec![Phase::Read, Phase::Landmarks]),
+        (Step::Start, phases_of_start(plan)),
+    ];
+    let selected = selected.iter().filter_map(|&at| plan.candidates.get(at));
+    for candidate in selected {
+        for (number, stage) in candidate.stages.iter().enumerate() {
+            let place = Place {
+                candidate: &candidate.name,
+                stage: &stage.name,
+            };
+            let phases = phases_of_stage(plan, candidate, number);
+            steps.push((Step::Stage(place), phases));
+        }
+    }
+    steps.push((Step::Joint, phases_of_all(plan)));
+    steps.push((Step::Always, vec![Phase::Publish]));
+    steps
+}
+
+fn wanted<const N: usize>(phases: [(Phase, bool); N]) -> Vec<Phase> {
+    let wanted = phases.into_iter().filter(|(_, wanted)| *wanted);
+    wanted.map(|(phase, _)| phase).collect()
+}
+
+/// The phases of the nose as it is.
+fn phases_of_start(plan: &Plan) -> Vec<Phase> {
     let outputs = plan.outputs;
-    let at_start = [
-        (Phase::Read, true),
-        (Phase::Landmarks, true),
+    wanted([
         (Phase::Measure, true),
         (Phase::Profile, outputs.charts),
         (Phase::Surface, outputs.views),
         (Phase::Views, outputs.views),
         (Phase::Meshes, outputs.mesh || outputs.solids),
         (Phase::Skins, Skins::are_wanted(plan)),
-    ];
-    let mut phases: Vec<(Phase, Option<Place<'_>>)> = Vec::new();
-    let wanted = at_start.into_iter().filter(|(_, wanted)| *wanted);
-    phases.extend(wanted.map(|(phase, _)| (phase, None)));
-    for candidate in &plan.candidates {
-        for (number, stage) in candidate.stages.iter().enumerate() {
-            let is_last = number + 1 == candidate.stages.len();
-            let place = Place {
-                candidate: &candidate.name,
-                stage: &stage.name,
-            };
-            let halves = plan.morph.model == Model::Lee2001 && plan.morph.scale == Scale::Half;
-            let of_stage = [
-                (Phase::Half, halves),
-                (Phase::Morph, true),
-                (Phase::Upsample, halves),
-                (Phase::Compare, compares(plan)),
-                (Phase::Audit, true),
-                (Phase::Measure, true),
-                (Phase::WriteVolume, outputs.volume),
-                (Phase::WriteNrrd, outputs.nrrd),
-                (Phase::WriteDisplacement, outputs.displacement),
-                (Phase::Surface, outputs.views),
-                (Phase::Views, outputs.views),
-                (
-                    Phase::Sheet,
-                    outputs.views && surfaces::is_last(plan, place),
-                ),
-                (Phase::Slices, outputs.slices),
-                (Phase::Profile, outputs.charts),
-                (Phase::Meshes, outputs.mesh || outputs.solids),
-                (Phase::Inverse, outputs.inverse),
-                (Phase::Skins, is_last && Skins::are_wanted(plan)),
-            ];
-            let wanted = of_stage.into_iter().filter(|(_, wanted)| *wanted);
-            phases.extend(wanted.map(|(phase, _)| (phase, Some(place))));
-        }
-    }
-    if outputs.charts {
-        phases.push((Phase::Charts, None));
-    }
-    if Skins::are_wanted(plan) {
-        phases.push((Phase::Skins, None));
-    }
-    phases.push((Phase::Publish, None));
-    phases
+    ])
+}
+
+/// The phases of a stage.
+pub(super) fn phases_of_stage(plan: &Plan, candidate: &Candidate, place: usize) -> Vec<Phase> {
+    let outputs = plan.outputs;
+    let is_last = place + 1 == candidate.stages.len();
+    let halves = plan.morph.model == Model::Lee2001 && plan.morph.scale == Scale::Half;
+    wanted([
+        (Phase::Half, halves),
+        (Phase::Morph, true),
+        (Phase::Upsample, halves),
+        (Phase::Compare, compares(plan)),
+        (Phase::Audit, true),
+        (Phase::Measure, true),
+        (Phase::WriteVolume, outputs.volume),
+        (Phase::WriteNrrd, outputs.nrrd),
+        (Phase::WriteDisplacement, outputs.displacement),
+        (Phase::Surface, outputs.views),
+        (Phase::Views, outputs.views),
+        (
+            Phase::Sheet,
+            outputs.views && is_last && plan.candidates.len() > 1,
+        ),
+        (Phase::Slices, outputs.slices),
+        (Phase::Profile, outputs.charts),
+        (Phase::Meshes, outputs.mesh || outputs.solids),
+        (Phase::Inverse, outputs.inverse),
+        (Phase::Skins, is_last && Skins::are_wanted(plan)),
+    ])
+}
+
+/// The phases that compare candidates.
+fn phases_of_all(plan: &Plan) -> Vec<Phase> {
+    wanted([
+        (
+            Phase::Sheet,
+            plan.outputs.views && plan.candidates.len() > 1,
+        ),
+        (Phase::Charts, plan.outputs.charts),
+        (Phase::Skins, Skins::are_wanted(plan)),
+    ])
 }
 
 /// The folder of a stage's own outputs within the plan's: `<candidate>/<NN>-<stage>`.
 pub fn stage_folder(candidate: &Candidate, place: usize) -> PathBuf {
-    let name = candidate
-        .stages
-        .get(place)
-        .map_or("", |stage| stage.name.as_str());
-    Path::new(&candidate.name).join(format!("{:02}-{name}", place + 1))
+    Path::new(&candidate.name).join(stage_folder_name(candidate, place))
 }
 
-fn compares(plan: &Plan) -> bool {
+/// The last part of [`stage_folder`].
+pub(super) fn stage_folder_name(candidate: &Candidate, place: usize) -> String {
+    let stage = candidate.stages.get(place);
+    let name = stage.map_or("", |stage| stage.name.as_str());
+    format!("{:02}-{name}", place + 1)
+}
+
+pub(super) fn compares(plan: &Plan) -> bool {
     plan.morph.compare_exact && plan.morph.method != Method::Exact
 }
 
-struct Session<'a, 'b> {
-    plan: &'a Plan,
-    /// Where tissue begins: the plan's threshold, or what the CT gave for it.
-    skin_hu: f64,
-    template: &'a Template,
-    /// How samples are written as NRRD: the same at every stage, whose values lie among the CT's.
-    nrrd: OutputType,
-    staging: &'a mut Staging,
-    clock: &'a mut Clock<'b>,
-    warnings: Vec<String>,
-    /// Those of the CT and its landmarks. What is told of a stage its record holds as numbers.
-    of_input: Vec<String>,
-    /// Set once the nose as it is was drawn, where anything is drawn or meshed.
-    surfaces: Option<Surfaces<'a>>,
-    /// The skins of the candidates so far, where they are compared.
-    skins: Option<Skins>,
-}
-
-impl Session<'_, '_> {
-    fn warn(&mut self, warning: String) {
-        self.clock.tell(&Event::Warning(warning.clone()));
-        self.warnings.push(warning);
-    }
-
-    fn candidates<T: Sample>(
-        &mut self,
-        preoperative: &Volume<T>,
-    ) -> Result<Vec<CandidateRecord>, RunError> {
-        let (plan, skin_hu) = (self.plan, self.skin_hu);
-        let measures = self
-            .clock
-            .time(Phase::Measure, None, || {
-                measure(plan, skin_hu, preoperative, plan.f1, plan.f1)
-            })
-            .map_err(RunError::Preoperative)?;
-        let slabs = Slabs::new(&plan.landmarks).map_err(RunError::Preoperative)?;
-        let volumes = RegionVolumes(measures.volume_mm3);
-        if let Some(warning) = regions_hold_a_nose(&volumes, &slabs, plan.f1.tip)? {
-            self.warn(warning);
-        }
-        self.of_input.clone_from(&self.warnings);
-        let mut start = StageRecord {
-            name: PREOPERATIVE.to_owned(),
-            operation: None,
-            measures,
-            warp: WarpAudit::IDENTITY,
-            folded: false,
-            adaptive_error: None,
-            surface_change: None,
-            meshes: None,
-            solids: None,
-            inverse: None,
-        };
-        if surfaces::wanted(plan) {
-            let hu = preoperative.to_hu()?;
-            let (surfaces, meshes) = Surfaces::begin(plan, skin_hu, hu, self.staging, self.clock)?;
-            self.surfaces = Some(surfaces);
-            start.meshes = meshes;
-        }
-        if Skins::are_wanted(plan) {
-            let find = || Skins::new(plan, skin_hu, preoperative);
-            self.skins = Some(self.clock.time(Phase::Skins, None, find)?);
-        }
-        let candidates = plan.candidates.iter();
-        let candidates: Vec<CandidateRecord> = candidates
-            .map(|candidate| self.candidate(candidate, preoperative, start.clone()))
-            .collect::<Result<_, _>>()?;
-        if let Some(surfaces) = &self.surfaces {
-            surfaces.finish(&candidates, self.staging, self.clock)?;
-        }
-        Ok(candidates)
-    }
-
-    /// How far the skins of the candidates are apart.
-    fn surface_differences(&mut self) -> Vec<SurfaceDifference> {
-        let Some(skins) = self.skins.take() else {
-            return Vec::new();
-        };
-        self.clock.time(Phase::Skins, None, || skins.differences())
-    }
-
-    fn candidate<T: Sample>(
-        &mut self,
-        candidate: &Candidate,
-        preoperative: &Volume<T>,
-        start: StageRecord,
-    ) -> Result<CandidateRecord, RunError> {
-        let mut stages = vec![start];
-        let mut before: Option<Volume<T>> = None;
-        for place in 0..candidate.stages.len() {
-            let (volume, record) = self.stage(candidate, place, preoperative, before)?;
-            stages.push(record);
-            if let (Some(skins), Some(last)) = (&mut self.skins, candidate.stages.last())
-                && place + 1 == candidate.stages.len()
-            {
-                let at = Place {
-                    candidate: &candidate.name,
-                    stage: &last.name,
-                };
-                let add = || skins.add(&candidate.name, &volume);
-                self.clock.time(Phase::Skins, Some(at), add)?;
-            }
-            // Only `lee2001` samples the volume of the stage before.
-            before = (self.plan.morph.model == Model::Lee2001).then_some(volume);
-        }
-        let mut record = CandidateRecord {
-            name: candidate.name.clone(),
-            title: candidate.title.clone(),
-            swept: candidate.swept.clone(),
-            stages,
-            accept: None,
-        };
-        let accept = self.plan.accept.as_ref();
-        record.accept = accept.map(|accept| accept.verdict(&comparison::changes(&record)));
-        Ok(record)
-    }
-
-    fn stage<T: Sample>(
-        &mut self,
-        candidate: &Candidate,
-        place: usize,
-        preoperative: &Volume<T>,
-        before: Option<Volume<T>>,
-    ) -> Result<(Volume<T>, StageRecord), RunError> {
-        let (plan, skin_hu) = (self.plan, self.skin_hu);
-        let stage = &candidate.stages[place];
-        let at = Place {
-            candidate: &candidate.name,
-            stage: &stage.name,
-        };
-        let operation = Operation::new(plan, candidate, place, preoperative.grid())?;
-        let source = before.as_ref().unwrap_or(preoperative);
-        let volume = operation.volume(preoperative, source, at, self.clock)?;
-        let adaptive_error = if compares(plan) {
-            let compare = || operation.adaptive_error(preoperative, source);
-            Some(self.clock.time(Phase::Compare, Some(at), compare)?)
-        } else {
-            None
-        };
-        // A volume less in memory while the rest is done.
-        drop(before);
-        // At half scale this evaluates the map: once, for the audit and for what is written.
-        let (field, warp) = self.clock.time(Phase::Audit, Some(at), || {
-            let field = operation.displacement()?;
-            let warp = operation.audit(&field);
-            Ok::<_, RunError>((field, warp))
-        })?;
-        let folded = warp.jacobian_min <= 0.0;
-        if folded {
-            self.warn(format!(
-                "candidate `{}`, stage `{}`: the map is folded (smallest Jacobian determinant {:.3})",
-                at.candidate, at.stage, warp.jacobian_min
-            ));
-        }
-        let measures = self
-            .clock
-            .time(Phase::Measure, Some(at), || {
-                measure(plan, skin_hu, &volume, stage.source, stage.target)
-            })
-            .map_err(|source| RunError::Measure {
-                at: at.into(),
-                source,
-            })?;
-        let folder = stage_folder(candidate, place);
-        self.write(&field, &volume, &folder, at)?;
-        let drawn = match &mut self.surfaces {
-            None => StageSurfaces::default(),
-            Some(surfaces) => {
-                let to = (&mut *self.staging, &mut *self.clock);
-                surfaces.stage(&volume.to_hu()?, stage, &folder, at, to)?
-            }
-        };
-        let inverse = self.inverse(&operation, &field, &folder, at)?;
-        let record = StageRecord {
-            name: stage.name.clone(),
-            operation: Some(OperationRecord {
-                kind: stage.kind,
-                edits: stage.edits.clone(),
-                source_mm: stage.source,
-                target_mm: stage.target,
-                width: stage.width,
-            }),
-            measures,
-            warp,
-            folded,
-            adaptive_error,
-            surface_change: drawn.change,
-            meshes: drawn.meshes.meshes,
-            solids: drawn.meshes.solids,
-            inverse,
-        };
-        Ok((volume, record))
-    }
-
-    /// The way back, where it is asked for.
-    fn inverse(
-        &mut self,
-        operation: &Operation,
-        field: &Field<'_>,
-        folder: &Path,
-        at: Place<'_>,
-    ) -> Result<Option<InverseAudit>, RunError> {
-        if !self.plan.outputs.inverse {
-            return Ok(None);
-        }
-        let path = self
-            .staging
-            .begin(folder.join("displacement-inverse.nii.gz"))?;
-        let template = self.template;
-        let audit = self.clock.time(Phase::Inverse, Some(at), || {
-            let inverse = operation.inverse(field)?;
-            save_displacement(&path, template, |component, slab, to| {
-                inverse.fill_component(template.grid(), component, slab.start, to);
-            })?;
-            Ok::<_, RunError>(inverse.audit())
-        })?;
-        if audit.not_converged > 0 {
-            self.warn(format!(
-                "candidate `{}`, stage `{}`: the map has no inverse within {} voxels at {} of the CT's voxels; the nearest found is up to {:.3} mm off",
-                at.candidate,
-                at.stage,
-                audit.tolerance_voxels,
-                audit.not_converged,
-                audit.residual_max_mm
-            ));
-        }
-        Ok(Some(audit))
-    }
-
-    fn write<T: Sample>(
-        &mut self,
-        field: &Field<'_>,
-        volume: &Volume<T>,
-        folder: &Path,
-        at: Place<'_>,
-    ) -> Result<(), RunError> {
-        let outputs = self.plan.outputs;
-        if outputs.volume {
-            let path = self.staging.begin(folder.join("volume.nii.gz"))?;
-            self.clock.time(Phase::WriteVolume, Some(at), || {
-                save_volume(&path, self.template, volume)
-            })?;
-        }
-        if outputs.nrrd {
-            let path = self.staging.begin(folder.join("volume.nrrd"))?;
-            self.clock.time(Phase::WriteNrrd, Some(at), || {
-                nrrd::save_volume(&path, self.template, volume, self.nrrd)
-            })?;
-        }
-        if outputs.displacement {
-            let path = self.staging.begin(folder.join("displacement.nii.gz"))?;
-            let grid: &Grid = volume.grid();
-            self.clock.time(Phase::WriteDisplacement, Some(at), || {
-                save_displacement(&path, self.template, |component, slab, to| {
-                    fill_component(field, grid, component, slab.start, to);
-                })
-            })?;
-        }
-        Ok(())
-    }
-}
-
 /// The measures of a volume whose f1 ends at `after`'s tip and ended at `before`'s.
-fn measure<T: Sample>(
+pub(super) fn measure<T: Sample>(
     plan: &Plan,
     skin_hu: f64,
     volume: &Volume<T>,
@@ -566,7 +766,7 @@ fn measure<T: Sample>(
     })
 }
 
-fn write_tables(staging: &mut Staging, record: &RunRecord) -> Result<(), RunError> {
+fn write_tables(staging: &Staging, record: &RunRecord) -> Result<(), RunError> {
     let mut table = Vec::new();
     csv::write(&mut table, record)?;
     save(&staging.begin("measurements.csv")?, &table)?;

@@ -5,15 +5,17 @@
 
 use std::path::Path;
 
+use image::RgbImage;
+
 use super::error::RunError;
 use super::events::{Phase, Place};
 use super::meshes::{StageMeshes, Workshop};
-use super::pictures::{Gallery, Profiles, write_charts, write_slices};
+use super::pictures::{Gallery, profile, write_slices};
 use super::timings::Clock;
 use crate::io::staging::Staging;
 use crate::plan::{Candidate, Plan, Stage};
-use crate::report::meshes::MeshesRecord;
-use crate::report::record::{CandidateRecord, SurfaceChange};
+use crate::report::record::SurfaceChange;
+use crate::space::GridPoint;
 use crate::volume::Volume;
 
 /// The nose as it is, ready for stages to be drawn beside it.
@@ -23,17 +25,19 @@ pub(super) struct Surfaces<'a> {
     preoperative: Volume<f32>,
     /// Where views are asked for.
     gallery: Option<Gallery<'a>>,
-    /// Filled where charts are asked for.
-    profiles: Profiles,
     /// Where meshes or solids are asked for.
     workshop: Option<Workshop<'a>>,
 }
 
-/// What the record of a stage says of its surfaces.
+/// What is found on the surfaces of a stage, or of the nose as it is.
 #[derive(Debug, Default)]
 pub(super) struct StageSurfaces {
     pub change: Option<SurfaceChange>,
     pub meshes: StageMeshes,
+    /// The skin in the midplane, where charts are drawn.
+    pub profile: Option<Vec<GridPoint>>,
+    /// Its pictures on the contact sheet, where there is one, beside each other.
+    pub tiles: Option<RgbImage>,
 }
 
 /// Whether a place is the last stage of its candidate, and the plan has several.
@@ -57,65 +61,61 @@ impl<'a> Surfaces<'a> {
         plan: &'a Plan,
         skin_hu: f64,
         preoperative: Volume<f32>,
-        staging: &mut Staging,
+        staging: &Staging,
         clock: &mut Clock<'_>,
-    ) -> Result<(Self, Option<MeshesRecord>), RunError> {
-        let profiles = if plan.outputs.charts {
-            let find = || Profiles::preoperative(plan, skin_hu, &preoperative);
-            clock
-                .time(Phase::Profile, None, find)
-                .map_err(RunError::Preoperative)?
-        } else {
-            Profiles::default()
-        };
+    ) -> Result<(Self, StageSurfaces), RunError> {
+        let mut found = StageSurfaces::default();
+        if plan.outputs.charts {
+            let find = || profile(plan, skin_hu, &preoperative);
+            let skin = clock.time(Phase::Profile, None, find);
+            found.profile = Some(skin.map_err(RunError::Preoperative)?);
+        }
         let gallery = match &plan.views {
             None => None,
             Some(views) => {
                 let find = || Gallery::new(plan, views, skin_hu, &preoperative);
                 let mut gallery = clock.time(Phase::Surface, None, find)?;
-                clock.time(Phase::Views, None, || gallery.preoperative(staging))?;
+                found.tiles = clock.time(Phase::Views, None, || gallery.preoperative(staging))?;
                 Some(gallery)
             }
         };
-        let mut meshes = None;
         let mut workshop = None;
         if plan.outputs.mesh || plan.outputs.solids {
             let begin = || Workshop::begin(plan, skin_hu, &preoperative, staging);
             let (made, record) = clock.time(Phase::Meshes, None, begin)?;
             workshop = Some(made);
-            meshes = record;
+            found.meshes.meshes = record;
         }
         let surfaces = Self {
             plan,
             skin_hu,
             preoperative,
             gallery,
-            profiles,
             workshop,
         };
-        Ok((surfaces, meshes))
+        Ok((surfaces, found))
     }
 
     /// Draws and meshes a stage, whose volume this is, into its folder.
     pub(super) fn stage(
-        &mut self,
+        &self,
         volume: &Volume<f32>,
         stage: &Stage,
         folder: &Path,
         at: Place<'_>,
-        (staging, clock): (&mut Staging, &mut Clock<'_>),
+        (staging, clock): (&Staging, &mut Clock<'_>),
     ) -> Result<StageSurfaces, RunError> {
         let (plan, skin_hu) = (self.plan, self.skin_hu);
         let caption = format!("{}, {}", at.candidate, at.stage);
         let mut found = StageSurfaces::default();
-        if let Some(gallery) = &mut self.gallery {
+        if let Some(gallery) = &self.gallery {
             let find = || gallery.surfaces(volume);
             let surfaces = clock.time(Phase::Surface, Some(at), find)?;
             let draw = || gallery.stage(staging, folder, &caption, &surfaces);
             found.change = clock.time(Phase::Views, Some(at), draw)?;
             if is_last(plan, at) {
-                let add = || gallery.add_to_sheet(staging, at.candidate, &surfaces);
-                clock.time(Phase::Sheet, Some(at), add)?;
+                let draw = || gallery.on_sheet(&surfaces);
+                found.tiles = Some(clock.time(Phase::Sheet, Some(at), draw)?);
             }
         }
         if plan.outputs.slices {
@@ -126,12 +126,12 @@ impl<'a> Surfaces<'a> {
             })?;
         }
         if plan.outputs.charts {
-            let add = || self.profiles.add(plan, skin_hu, volume);
-            let added = clock.time(Phase::Profile, Some(at), add);
-            added.map_err(|source| RunError::Measure {
+            let find = || profile(plan, skin_hu, volume);
+            let skin = clock.time(Phase::Profile, Some(at), find);
+            found.profile = Some(skin.map_err(|source| RunError::Measure {
                 at: at.into(),
                 source,
-            })?;
+            })?);
         }
         if let Some(workshop) = &self.workshop {
             found.meshes = clock.time(Phase::Meshes, Some(at), || {
@@ -139,21 +139,5 @@ impl<'a> Surfaces<'a> {
             })?;
         }
         Ok(found)
-    }
-
-    /// Draws what compares stages and candidates.
-    pub(super) fn finish(
-        &self,
-        candidates: &[CandidateRecord],
-        staging: &mut Staging,
-        clock: &mut Clock<'_>,
-    ) -> Result<(), RunError> {
-        if !self.plan.outputs.charts {
-            return Ok(());
-        }
-        let grid = self.preoperative.grid();
-        clock.time(Phase::Charts, None, || {
-            write_charts(staging, self.plan, grid, candidates, &self.profiles)
-        })
     }
 }

@@ -48,6 +48,20 @@ impl<'a> Clock<'a> {
         }
     }
 
+    /// A clock for work that is done beside other work, with the same observer.
+    pub(super) fn beside(&self) -> Self {
+        Self {
+            observer: self.observer,
+            started: self.started,
+            phases: Vec::new(),
+        }
+    }
+
+    /// Takes over the times of a clock that [`Clock::beside`] gave.
+    pub(super) fn join(&mut self, other: Self) {
+        self.phases.extend(other.phases);
+    }
+
     pub(super) fn time<R>(
         &mut self,
         phase: Phase,

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::space::GridPoint;
@@ -38,7 +38,7 @@ pub struct Mesh {
 }
 
 /// What keeps a mesh from being a closed, consistently oriented 2-manifold: all 0 where it is one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Topology {
     /// Edges that have one triangle.
     pub open_edges: usize,

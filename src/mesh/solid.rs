@@ -9,7 +9,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::body::{Mesh, MeshError, Topology, area, room};
 use super::extract::extract;
@@ -26,7 +26,7 @@ const MAX_PARTS: usize = 4;
 const MAX_SAMPLES: usize = 100_000_000;
 
 /// What is left out.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Least {
     /// Bodies that are nowhere thicker, mm.
     pub thickness_mm: f64,
@@ -64,7 +64,7 @@ pub struct Solid {
 }
 
 /// What a solid measures.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SolidRecord {
     /// Bodies that are kept. None of them: there is no file.
     pub bodies: usize,
@@ -93,7 +93,7 @@ pub struct SolidRecord {
 }
 
 /// A range of distances, mm.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Thickness {
     /// The smallest.
     pub min: f64,

@@ -148,7 +148,7 @@ fn differences(tile: &Tile, offset: [usize; 3]) -> DMat3 {
 }
 
 /// How far one field is from another, and what that does to a volume.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct FieldDifference {
     /// Largest distance between source positions, mm.
     pub position_max_mm: f64,

@@ -10,7 +10,7 @@
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::chain::{Chain, Lattice, VoxelBox};
 use super::field::{Field, Scratch};
@@ -133,7 +133,7 @@ impl Forward for Sampled {
 }
 
 /// How well a map was inverted.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct InverseAudit {
     /// The tolerance, voxels.
     pub tolerance_voxels: f64,

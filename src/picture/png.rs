@@ -1,5 +1,7 @@
 //! Pictures as files.
 
+use std::io::Cursor;
+
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
@@ -15,6 +17,17 @@ pub fn encode_png(image: &RgbImage) -> Result<Vec<u8>, PictureError> {
     PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive)
         .write_image(image.as_raw(), width, height, ExtendedColorType::Rgb8)?;
     Ok(file)
+}
+
+/// The picture of a PNG file that this program wrote; none where it is none, or larger than any of those.
+pub fn decode_png(bytes: &[u8]) -> Option<RgbImage> {
+    let mut reader = image::ImageReader::with_format(Cursor::new(bytes), image::ImageFormat::Png);
+    let mut limits = image::Limits::default();
+    limits.max_image_width = Some(1 << 15);
+    limits.max_image_height = Some(1 << 15);
+    limits.max_alloc = Some(256 << 20);
+    reader.limits(limits);
+    Some(reader.decode().ok()?.to_rgb8())
 }
 
 #[cfg(test)]

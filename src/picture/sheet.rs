@@ -1,6 +1,6 @@
 //! Many small pictures on one sheet, in rows and columns.
 
-use image::imageops::{FilterType, resize};
+use image::imageops::{FilterType, crop_imm, replace, resize};
 use image::{Rgb, RgbImage};
 
 use super::PictureError;
@@ -29,6 +29,27 @@ pub struct SheetRow {
     pub tiles: Vec<RgbImage>,
 }
 
+impl SheetRow {
+    /// The row of a [`strip`] of pictures.
+    pub fn new(label: &str, strip: &RgbImage) -> Self {
+        let tiles = (0..strip.width() / TILE)
+            .map(|at| crop_imm(strip, at * TILE, 0, TILE, TILE.min(strip.height())).to_image());
+        Self {
+            label: label.to_owned(),
+            tiles: tiles.collect(),
+        }
+    }
+}
+
+/// Pictures of a sheet beside each other, as one.
+pub fn strip(tiles: &[RgbImage]) -> RgbImage {
+    let mut strip = RgbImage::new(TILE * tiles.len() as u32, TILE);
+    for (at, tile) in tiles.iter().enumerate() {
+        replace(&mut strip, tile, i64::from(TILE) * at as i64, 0);
+    }
+    strip
+}
+
 /// A picture as small as it is on a sheet.
 pub fn tile(picture: &RgbImage) -> RgbImage {
     resize(picture, TILE, TILE, FilterType::Triangle)
@@ -42,7 +63,7 @@ pub fn tile(picture: &RgbImage) -> RgbImage {
 pub fn contact_sheet(
     title: &str,
     columns: &[&str],
-    rows: &[&SheetRow],
+    rows: &[SheetRow],
 ) -> Result<RgbImage, PictureError> {
     let step = TILE + GAP;
     let across = columns.len() as u64 * u64::from(step);
@@ -112,7 +133,6 @@ mod tests {
     fn every_picture_is_at_its_place_and_every_row_and_column_has_a_name() {
         let colours = [[[200, 0, 0], [0, 200, 0]], [[0, 0, 200], [200, 200, 0]]];
         let rows = [row("before", &colours[0]), row("after", &colours[1])];
-        let rows: Vec<&SheetRow> = rows.iter().collect();
         let sheet = contact_sheet("plan", &["frontal", "basal"], &rows).unwrap();
         assert_eq!(sheet.dimensions(), (168 + 2 * 260, 34 + 26 + 2 * 260));
         for (down, colours) in colours.iter().enumerate() {
@@ -138,10 +158,11 @@ mod tests {
     #[test]
     fn a_sheet_of_nothing_and_one_too_large_are_refused() {
         let one = row("a", &[[1, 2, 3]]);
-        let size = |columns: &[&str], rows: &[&SheetRow]| contact_sheet("t", columns, rows);
-        assert!(matches!(size(&[], &[&one]), Err(PictureError::Size { .. })));
+        let size = |columns: &[&str], rows: &[SheetRow]| contact_sheet("t", columns, rows);
+        let only = std::slice::from_ref(&one);
+        assert!(matches!(size(&[], only), Err(PictureError::Size { .. })));
         assert!(matches!(size(&["a"], &[]), Err(PictureError::Size { .. })));
-        let many = vec![&one; 200];
+        let many = vec![one; 200];
         assert!(matches!(
             size(&["a"; 30], &many),
             Err(PictureError::Size { .. })

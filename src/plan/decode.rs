@@ -7,6 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{Code, Fault};
+use super::format::{Integers, Range, TableFormat};
 use super::source::{Located, Span};
 
 pub(super) type Value<'i> = Spanned<DeValue<'i>>;
@@ -49,14 +50,14 @@ impl Faults {
     pub fn table<'a, 'i>(
         &mut self,
         value: &'a Value<'i>,
-        name: &'static str,
-        known: &[&str],
+        format: &TableFormat,
     ) -> Option<Table<'a, 'i>> {
+        let name = format.name;
         let Some(entries) = value.get_ref().as_table() else {
             self.wrong_type(value, name, &format!("a table, {name}"), None);
             return None;
         };
-        Some(self.entries(entries, value.span().into(), name, known))
+        Some(self.entries(entries, value.span().into(), name, &format.names()))
     }
 
     /// As [`Faults::table`], of a table's content.
@@ -148,36 +149,36 @@ impl Faults {
         None
     }
 
-    /// A finite number for which `valid` holds, or the fault that it is out of range.
-    pub fn number_where(
+    /// A finite number in a range, or the fault that it is out of range.
+    pub fn number_in(
         &mut self,
         value: &Value<'_>,
         what: &str,
         expected: &str,
-        valid: impl FnOnce(f64) -> bool,
+        range: Range,
     ) -> Option<f64> {
         let number = self.number(value, what, expected)?;
-        if valid(number) {
+        if range.contains(number) {
             return Some(number);
         }
         self.bad_value(value, what, "is out of range", expected);
         None
     }
 
-    /// An integer for which `valid` holds. A number with a decimal point is not one.
-    pub fn integer_where(
+    /// An integer in a range. A number with a decimal point is not one.
+    pub fn integer_in(
         &mut self,
         value: &Value<'_>,
         what: &str,
         expected: &str,
-        valid: impl FnOnce(i64) -> bool,
+        range: Integers,
     ) -> Option<i64> {
         let DeValue::Integer(integer) = value.get_ref() else {
             self.wrong_type(value, what, expected, None);
             return None;
         };
         let integer = small_integer(integer.as_str(), integer.radix());
-        let integer = integer.filter(|&integer| valid(integer));
+        let integer = integer.filter(|&integer| range.contains(integer));
         if integer.is_none() {
             self.bad_value(value, what, "is out of range", expected);
         }
@@ -439,7 +440,8 @@ fn home(key: &str) -> Option<&'static str> {
         "f1" => "[[candidate.stage]]",
         "move_tip" | "move_root" | "tip_to" | "root_to" | "project" | "rotate" | "lengthen"
         | "deviate" | "width" => "the array `f1` of a [[candidate.stage]]",
-        "min" | "max" | "change" | "change_percent" => "a limit of [accept]",
+        "min" | "max" | "change" => "a limit of [accept]",
+        "change_percent" => "a limit of a volume, an angle or a height",
         measure if crate::compare::measure(measure).is_some() => "[accept]",
         _ => return None,
     })

@@ -10,6 +10,7 @@ use toml::de::DeTable;
 use super::decode::{Faults, quote};
 use super::diagnostic::{Code, Diagnostic, Diagnostics, Fault};
 use super::duplicates;
+use super::effective::{self, Found};
 use super::raw::{Frame, RawPlan};
 use super::resolve;
 use super::resolved::{CtSource, Plan};
@@ -199,6 +200,15 @@ impl PlanFile {
         let raw = self.raw.as_ref();
         let raw = raw.map(|raw| resolve::with_moved(raw, grid, moved));
         self.resolve_raw(raw.as_ref(), grid)
+    }
+
+    /// The plan with every value that a run of it used, as the text of a plan that gives the same results. `ran` is
+    /// this plan, resolved, with its landmarks where the run moved them. The path of the CT stands as the plan gives
+    /// it, without its folders where it is absolute; the points of a file of landmarks stand in its place.
+    ///
+    /// None where this is no plan that can run.
+    pub fn effective(&self, ran: &Plan, found: Found<'_>) -> Option<String> {
+        effective::plan(self.raw.as_ref()?, ran, found)
     }
 
     fn resolve_raw(&self, raw: Option<&RawPlan>, grid: &Grid) -> Result<Plan, Diagnostics> {

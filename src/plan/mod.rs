@@ -13,13 +13,17 @@
 mod decode;
 mod diagnostic;
 mod duplicates;
+mod effective;
 mod file;
+mod format;
 mod raw;
 mod resolve;
 mod resolved;
+mod schema;
 mod source;
 
 pub use diagnostic::{Code, Diagnostic, Diagnostics};
+pub use effective::Found;
 pub use file::{MAX_PLAN_BYTES, PlanFile, PlanReadError};
 pub use resolved::{
     Camera, Candidate, Clip, Crop, CtSource, CutPlane, DEFAULT_BONE_HU, DEFAULT_CAGE_DEPTH_MM,
@@ -27,3 +31,4 @@ pub use resolved::{
     MeshSettings, Method, Model, Morph, Object, Outputs, Phantom, Plan, STANDARD_VIEWS, Scale,
     Segment, Side, SkinThreshold, Stage, StandardView, Swept, Tolerance, Views,
 };
+pub use schema::schema;

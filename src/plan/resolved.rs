@@ -24,7 +24,9 @@ pub const DEFAULT_CAGE_DEPTH_MM: f64 = 11.0;
 /// Margin in which model `local` fades out, where a plan gives none.
 pub const DEFAULT_MARGIN_MM: f64 = 20.0;
 /// Tolerance of the adaptive method where a plan gives none.
-pub const DEFAULT_TOLERANCE: Tolerance = Tolerance::Mm(0.05);
+pub const DEFAULT_TOLERANCE: Tolerance = Tolerance::Mm(DEFAULT_TOLERANCE_MM);
+/// The same, mm.
+pub(super) const DEFAULT_TOLERANCE_MM: f64 = 0.05;
 
 /// A plan with every default filled in, every unit resolved, every position in grid millimetres of the
 /// CT that it names.

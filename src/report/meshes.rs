@@ -1,12 +1,12 @@
 //! What the record says of meshes.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::mesh::Topology;
 use crate::mesh::solid::SolidRecord;
 
 /// The meshes of one nose. An object of which there is nothing has no file, and none here.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MeshesRecord {
     /// `skin.stl` and, after an operation, `skin.ply`.
     pub skin: Option<MeshRecord>,
@@ -17,7 +17,7 @@ pub struct MeshesRecord {
 }
 
 /// One mesh.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MeshRecord {
     /// Triangles.
     pub triangles: usize,
@@ -34,7 +34,7 @@ pub struct MeshRecord {
 }
 
 /// How far the points of the skin's mesh are from the skin before the first operation.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ChangeRecord {
     /// The furthest inward, mm; at most 0.
     pub inward_max_mm: f64,
@@ -45,7 +45,7 @@ pub struct ChangeRecord {
 }
 
 /// The skin-difference solids of a stage: no design of an implant, nor of a resection.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SolidsRecord {
     /// What was added: `augmentation.stl`, where there is any.
     pub augmentation: SolidRecord,

@@ -34,15 +34,40 @@ pub struct RunRecord {
     pub inputs: Inputs,
     /// The plan with every default filled in and every unit resolved.
     pub plan: PlanRecord,
+    /// Which part of the candidates ran, where they were shared out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<PartRecord>,
     /// What the user should know of the CT and the landmarks, as the run told it; not there where there is
     /// nothing to tell. What is to be known of a stage is in its own record.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
     /// What came out.
     pub candidates: Vec<CandidateRecord>,
+    /// Candidates that could not be computed, and why; not there where all could.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub failed: Vec<FailedRecord>,
     /// How far the skins of each two candidates are apart; not there where there is one candidate, or too many.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub surface_differences: Vec<SurfaceDifference>,
+}
+
+/// A part of the candidates, `--shard` on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartRecord {
+    /// Which, from 1.
+    pub number: u32,
+    /// How many there are.
+    pub of: u32,
+}
+
+/// A candidate that could not be computed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct FailedRecord {
+    /// Its name.
+    pub candidate: String,
+    /// Why.
+    pub error: String,
 }
 
 /// This program.
@@ -276,7 +301,7 @@ pub struct StageRecord {
 }
 
 /// How far the skin that the views of a stage show lies from that before the first stage.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceChange {
     /// The furthest inward, mm; at most 0.
     pub inward_max_mm: f64,
@@ -319,6 +344,22 @@ pub struct Measures {
 }
 
 impl StageRecord {
+    /// The nose as it is.
+    pub fn preoperative(measures: Measures) -> Self {
+        Self {
+            name: PREOPERATIVE.to_owned(),
+            operation: None,
+            measures,
+            warp: WarpAudit::IDENTITY,
+            folded: false,
+            adaptive_error: None,
+            surface_change: None,
+            meshes: None,
+            solids: None,
+            inverse: None,
+        }
+    }
+
     /// Every measure by its name in `measurements.csv`, with its unit, in the order of that file.
     pub fn named_measures(&self) -> Vec<(String, f64, &'static str)> {
         named_measures(&self.measures, &self.warp)

@@ -32,6 +32,16 @@ impl NeighbourCode {
         Self(faces & Self::SIX | if cut { Self::CUT } else { 0 })
     }
 
+    /// All that it holds.
+    pub(super) fn to_byte(self) -> u8 {
+        self.0
+    }
+
+    /// What [`NeighbourCode::to_byte`] gave.
+    pub(super) fn from_byte(byte: u8) -> Self {
+        Self(byte & (Self::SIX | Self::CUT))
+    }
+
     /// The six bits.
     #[inline]
     pub fn faces(self) -> u8 {

@@ -30,11 +30,11 @@ const H: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// A skin, and which of its voxels are looked at.
 #[derive(Debug, Clone)]
 pub struct SeenSkin {
-    surface: SemiBoundary,
+    pub(super) surface: SemiBoundary,
     /// For each boundary voxel, whether it lies in the region that is compared and is seen from outside.
-    seen: Vec<bool>,
+    pub(super) seen: Vec<bool>,
     /// Whether it is more than [`MOVED_MM`] from the skin before.
-    moved: Vec<bool>,
+    pub(super) moved: Vec<bool>,
 }
 
 /// The distance between two skins.
@@ -188,7 +188,7 @@ fn is_seen(surface: &SemiBoundary, voxel: BoundaryVoxel, [y, z]: [usize; 2], mas
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use ndarray::Array3;
 
     use super::*;
@@ -201,7 +201,7 @@ mod tests {
     const SPACING: [f64; 3] = [0.5, 0.8, 1.1];
 
     /// A volume whose HU fall evenly through 0 at the surface `depth(point) = 0`, positive inside, mm.
-    fn skin(depth: impl Fn(DVec3) -> f64) -> (SemiBoundary, Mask) {
+    pub(in crate::surface) fn skin(depth: impl Fn(DVec3) -> f64) -> (SemiBoundary, Mask) {
         let grid = Grid::axis_aligned(DIMS, SPACING).unwrap();
         let [nx, ny, nz] = DIMS;
         let samples = Array3::from_shape_fn((nz, ny, nx), |(z, y, x)| {
@@ -214,7 +214,10 @@ mod tests {
         (surface, mask)
     }
 
-    fn seen((surface, mask): &(SemiBoundary, Mask), before: &(SemiBoundary, Mask)) -> SeenSkin {
+    pub(in crate::surface) fn seen(
+        (surface, mask): &(SemiBoundary, Mask),
+        before: &(SemiBoundary, Mask),
+    ) -> SeenSkin {
         let whole = Region::whole(surface.grid());
         SeenSkin::new(surface.clone(), mask, whole, &before.0)
     }

@@ -9,6 +9,7 @@ mod difference;
 mod distance;
 mod facing;
 mod normal;
+mod packed;
 
 pub use boundary::{BoundaryVoxel, NeighbourCode, SemiBoundary, SurfaceError};
 pub use build::{Region, semi_boundary};

@@ -17,6 +17,17 @@ impl PackedNormal {
     /// Towards the front of the face: what stands in where there is no direction at all.
     pub const ANTERIOR: Self = Self([0, -i16::MAX]);
 
+    /// Its two numbers, little endian.
+    pub(super) fn to_bytes(self) -> [u8; 4] {
+        let [[a, b], [c, d]] = self.0.map(i16::to_le_bytes);
+        [a, b, c, d]
+    }
+
+    /// What [`PackedNormal::to_bytes`] gave. Any bytes are a direction.
+    pub(super) fn from_bytes([a, b, c, d]: [u8; 4]) -> Self {
+        Self([[a, b], [c, d]].map(i16::from_le_bytes))
+    }
+
     /// The nearest representable direction. `None` for a vector that has no direction.
     pub fn new(vector: DVec3) -> Option<Self> {
         let sum = vector.x.abs() + vector.y.abs() + vector.z.abs();

@@ -86,6 +86,7 @@ fn every_file_that_does_not_fit_ends_the_run_and_nothing_changes() {
         "compare.csv",
         "compare.json",
         "compare.md",
+        "plan.effective.toml",
         "run.json",
     ];
     let stages = ["both/01-move", "both/02-reduce", "up/01-rotate"];

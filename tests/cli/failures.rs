@@ -23,7 +23,7 @@ fn a_run_that_fails_late_leaves_an_earlier_one_whole() {
     let desk = desk();
     desk.run(&["run", "plan.toml"]).expect(0);
     let before = desk.files("");
-    assert_eq!(before.len(), 2 + 8 + 3 * 2);
+    assert_eq!(before.len(), 2 + 9 + 3 * 2);
     for (text, message) in [
         (
             fails_late(),

@@ -11,6 +11,7 @@ mod anatomy;
 mod check;
 mod compare;
 mod disk;
+mod effective;
 mod exits;
 mod failures;
 mod golden;
@@ -27,6 +28,7 @@ mod real;
 #[path = "../real_data/mod.rs"]
 mod real_data;
 mod same;
+mod schema;
 mod skin;
 mod snap;
 mod volumes;

@@ -86,6 +86,7 @@ fn the_files_are_those_of_the_contract_in_the_default_folder() {
             "good/compare.json",
             "good/compare.md",
             "good/measurements.csv",
+            "good/plan.effective.toml",
             "good/run.json",
             "good/table.md",
             "good/timings.json",
@@ -112,6 +113,7 @@ fn without_outputs_there_are_tables_only() {
             "compare.json",
             "compare.md",
             "measurements.csv",
+            "plan.effective.toml",
             "run.json",
             "table.md",
             "timings.json"

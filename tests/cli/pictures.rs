@@ -15,12 +15,13 @@ const PAGE: &str = include_str!("../../docs/plan.md");
 const STAGES: [&str; 3] = ["both/01-move", "both/02-reduce", "up/01-rotate"];
 const CANDIDATE_FOLDERS: [&str; 2] = ["both", "up"];
 const SLICES: [&str; 4] = ["sagittal", "coronal", "coronal-10mm", "axial"];
-const TABLES: [&str; 8] = [
+const TABLES: [&str; 9] = [
     ".rhinoplan.files",
     "compare.csv",
     "compare.json",
     "compare.md",
     "measurements.csv",
+    "plan.effective.toml",
     "run.json",
     "table.md",
     "timings.json",

@@ -14,8 +14,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
-use rhinoplan::exec;
 use rhinoplan::exec::events::Silent;
+use rhinoplan::exec::{self, RunOptions};
 use rhinoplan::golden::pictures::{self, PictureDifference};
 use rhinoplan::golden::tolerance::Pictures;
 use rhinoplan::picture::encode_png;
@@ -108,7 +108,9 @@ fn check(gallery: &Gallery) {
     // Not what this is about, and most of the time.
     ready[0].plan.outputs.volume = false;
     ready[0].plan.outputs.displacement = false;
-    let drawn = exec::run(&ready[0], out.path(), &Silent).unwrap().folder;
+    let drawn = exec::run(&ready[0], out.path(), &RunOptions::default(), &Silent)
+        .unwrap()
+        .folder;
     let mut wrong = Vec::new();
     for picture in gallery.pictures {
         let name = golden_name(gallery, picture);

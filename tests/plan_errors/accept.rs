@@ -36,7 +36,7 @@ fn accept() {
             ),
             (
                 "tables of nothing, of other keys, and that allow nothing",
-                5,
+                4,
                 &[Replace(
                     OUTPUTS,
                     "[accept]\ngamma = {}\nheight = { least = 1 }\nvolume_A = { min = 2, max = 1 }\n\

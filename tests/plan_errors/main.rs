@@ -8,6 +8,8 @@ mod accept;
 mod candidates;
 mod pictures;
 mod sweeps;
+#[path = "../plan_schema/validator.rs"]
+mod validator;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -77,7 +79,8 @@ fn check(part: &str, cases: &[Case<'_>]) {
 fn check_changes(part: &str, right: &str, cases: &[Case<'_>]) {
     let mut shown = String::new();
     for (title, number, changes) in cases {
-        let faults = faults_of(&changed_from(right, changes));
+        let text = changed_from(right, changes);
+        let faults = faults_of(&text);
         let rendered = faults.render(false);
         assert_eq!(faults.len(), *number, "{title}:\n{rendered}");
         assert!(
@@ -91,6 +94,13 @@ fn check_changes(part: &str, right: &str, cases: &[Case<'_>]) {
             let absent = [Code::MissingKey, Code::Syntax].contains(&fault.code);
             assert!(absent || fault.expected.is_some(), "{title}:\n{rendered}");
             assert!(absent || fault.found.is_some(), "{title}:\n{rendered}");
+        }
+        // The schema refuses what a schema can: all but what `beyond_a_schema` gives a reason for, and what is no
+        // TOML, which no schema gets to see.
+        if let Some(errors) = validator::errors_of_text(&text) {
+            let is_beyond = |fault| validator::beyond_a_schema(fault).is_some();
+            let all_are_beyond = faults.iter().all(is_beyond);
+            assert_eq!(errors.is_empty(), all_are_beyond, "{title}: {errors:#?}");
         }
         writeln!(shown, "===== {title}\n\n{rendered}").unwrap();
     }

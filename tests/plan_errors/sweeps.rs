@@ -20,11 +20,13 @@ fn sweeps() {
     check(
         "sweeps",
         &[
-            ("no candidate, nothing varied", 1, &of(with("name = \"s\""))),
+            ("no candidate, nothing varied", 2, &of(with("name = \"s\""))),
             (
                 "a candidate that is not there",
                 1,
-                &of(with("candidate = \"small\"\nvary = []")),
+                &of(with(
+                    "candidate = \"small\"\nvary = [{ stage = \"reduce\", edit = \"project\", values = [1] }]",
+                )),
             ),
             ("nothing varied", 1, &of(with("candidate = \"smaller\""))),
             (
@@ -32,11 +34,13 @@ fn sweeps() {
                 1,
                 &of(with("candidate = \"smaller\"\nvary = []")),
             ),
-            ("no stage", 1, &of(sweep("edit = \"move_tip\""))),
+            ("no stage", 3, &of(sweep("edit = \"move_tip\""))),
             (
                 "a stage that is not there",
                 1,
-                &of(sweep("stage = \"rotate\"\nedit = \"move_tip\"")),
+                &of(sweep(
+                    "stage = \"rotate\"\nedit = \"project\"\nvalues = [1]",
+                )),
             ),
             (
                 "an edit that the stage has not",

@@ -17,8 +17,8 @@ use crate::report::comparison::{
 use crate::report::record::{CandidateRecord, Program, RunRecord};
 
 pub use finished::{CompareError, FinishedRun, MAX_RECORD_BYTES};
-pub(super) use skins::Skins;
 pub use skins::{MARGIN_MM, MOST_COMPARED};
+pub(super) use skins::{Skins, differences};
 
 /// What became of every measure of a candidate from before its first stage to after its last.
 pub(super) fn changes(candidate: &CandidateRecord) -> Vec<Change> {

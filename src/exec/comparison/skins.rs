@@ -1,4 +1,4 @@
-//! The skins of a run's candidates, kept until all are there.
+//! The skins of a run's candidates, held until all are there.
 //!
 //! A skin is kept only around the nose: some hundred kilobytes, not a volume. It is that of the volume that is
 //! measured and written, not enhanced for pictures.
@@ -22,11 +22,10 @@ const RIM_MM: f64 = 10.0;
 /// The most candidates of which each two are compared: 496 pairs.
 pub const MOST_COMPARED: usize = 32;
 
-/// The skin before the first stage, and those of candidates so far.
+/// Finds the skins of candidates, beside that before the first stage.
 pub(in crate::exec) struct Skins {
     finder: Finder,
     before: SemiBoundary,
-    after: Vec<(String, SeenSkin)>,
 }
 
 /// Where skin is looked for: the same for all.
@@ -69,42 +68,40 @@ impl Skins {
             kept: around(&nose, margin + RIM_MM, grid),
         };
         let (before, _) = finder.surface(preoperative)?;
-        Ok(Self {
-            finder,
-            before,
-            after: Vec::new(),
-        })
+        Ok(Self { finder, before })
     }
 
-    /// Adds the nose that a candidate ends with.
-    pub(in crate::exec) fn add<T: Sample>(
-        &mut self,
-        candidate: &str,
+    /// The skin of the nose that a candidate ends with.
+    pub(in crate::exec) fn find<T: Sample>(
+        &self,
         volume: &Volume<T>,
-    ) -> Result<(), RunError> {
+    ) -> Result<SeenSkin, RunError> {
         let (surface, mask) = self.finder.surface(volume)?;
-        let skin = SeenSkin::new(surface, &mask, self.finder.compared, &self.before);
-        self.after.push((candidate.to_owned(), skin));
-        Ok(())
+        Ok(SeenSkin::new(
+            surface,
+            &mask,
+            self.finder.compared,
+            &self.before,
+        ))
     }
+}
 
-    /// Every two candidates, in the order of the plan.
-    pub(in crate::exec) fn differences(&self) -> Vec<SurfaceDifference> {
-        let mut differences = Vec::new();
-        for (place, (one, skin)) in self.after.iter().enumerate() {
-            for (other, other_skin) in self.after.iter().skip(place + 1) {
-                let found = skin_difference(skin, other_skin);
-                differences.push(SurfaceDifference {
-                    candidates: [one.clone(), other.clone()],
-                    mean_mm: found.mean_mm,
-                    p95_mm: found.p95_mm,
-                    max_mm: found.max_mm,
-                    area_mm2: found.area_mm2,
-                });
-            }
+/// How far the skins of every two candidates are apart, in the order of the plan.
+pub(in crate::exec) fn differences(skins: &[(&str, &SeenSkin)]) -> Vec<SurfaceDifference> {
+    let mut differences = Vec::new();
+    for (place, (one, skin)) in skins.iter().enumerate() {
+        for (other, other_skin) in skins.iter().skip(place + 1) {
+            let found = skin_difference(skin, other_skin);
+            differences.push(SurfaceDifference {
+                candidates: [*one, *other].map(str::to_owned),
+                mean_mm: found.mean_mm,
+                p95_mm: found.p95_mm,
+                max_mm: found.max_mm,
+                area_mm2: found.area_mm2,
+            });
         }
-        differences
     }
+    differences
 }
 
 impl Finder {

@@ -12,7 +12,7 @@ use super::error::GoldenError;
 use super::folder::decode;
 use crate::exec::events::Observer;
 use crate::exec::preflight::Ready;
-use crate::exec::run;
+use crate::exec::run::{self, RunOptions};
 use crate::golden::pictures::reduced;
 use crate::golden::stored::{is_picture, is_volume, numbers};
 use crate::golden::{Inputs, Stored, StoredVolume};
@@ -21,6 +21,14 @@ use crate::io::written::Written;
 
 /// More than the longest side of any picture that is drawn, pixels.
 const MAX_DRAWN: u32 = 1 << 14;
+
+/// Nothing of earlier runs, and nothing that is not whole: what is kept or compared is what this program computes.
+const OPTIONS: RunOptions = RunOptions {
+    force: true,
+    fail_fast: true,
+    memory: None,
+    part: None,
+};
 
 /// A plan that was run.
 #[derive(Debug)]
@@ -48,7 +56,7 @@ impl Given {
             None => Some(tempfile::tempdir().map_err(GoldenError::Temporary)?),
         };
         let into = temporary.as_ref().map(TempDir::path).or(out);
-        let report = run::run(ready, into.unwrap_or(Path::new("")), observer)?;
+        let report = run::run(ready, into.unwrap_or(Path::new("")), &OPTIONS, observer)?;
         let (folder, record) = (report.folder, report.record);
         let names = listed(&folder);
         let pictures = names.par_iter().filter(|name| is_picture(name));

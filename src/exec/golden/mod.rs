@@ -58,7 +58,7 @@ pub fn bless(
         }
     }
     let earlier = folder::stored(golden, plan).ok();
-    let mut staging = Staging::new(&golden.join(plan))?;
+    let staging = Staging::new(&golden.join(plan))?;
     for name in given.stored.files() {
         folder::no_links(golden, &format!("{plan}/{name}"))?;
         let path = staging.begin(name)?;
@@ -148,7 +148,7 @@ pub fn check_report(folder: &Path) -> Result<(), GoldenError> {
 /// [`GoldenError`] where it cannot be written; an earlier report is then as it was.
 pub fn write_report(to: &Path, plans: &[Verified]) -> Result<PathBuf, GoldenError> {
     check_report(to)?;
-    let mut staging = Staging::new(to)?;
+    let staging = Staging::new(to)?;
     let mut sections: Vec<(&Verdict, Pictures)> = Vec::new();
     for Verified { verdict, pictures } in plans {
         let mut shown = Pictures::new();

@@ -15,40 +15,17 @@ use crate::volume::Volume;
 /// How far above `nasal_bones` and below `lip` the profile goes, mm.
 const BEYOND_MM: f64 = 12.0;
 
-/// The skin in the mid-sagittal plane: of the nose as it is, and of every stage of every candidate.
-#[derive(Debug, Default)]
-pub(in crate::exec) struct Profiles {
-    preoperative: Vec<GridPoint>,
-    /// For each stage, in the order in which they are computed.
-    stages: Vec<Vec<GridPoint>>,
+/// A candidate, and its skin in the mid-sagittal plane: as the nose is, then of every stage.
+pub(in crate::exec) struct CandidateProfiles<'a> {
+    pub record: &'a CandidateRecord,
+    pub profiles: Vec<&'a [GridPoint]>,
 }
 
-impl Profiles {
-    /// Of the nose as it is.
-    pub(in crate::exec) fn preoperative(
-        plan: &Plan,
-        skin_hu: f64,
-        volume: &Volume<f32>,
-    ) -> Result<Self, MeasureError> {
-        Ok(Self {
-            preoperative: profile(plan, skin_hu, volume)?,
-            stages: Vec::new(),
-        })
-    }
-
-    /// Adds the stage that was computed last.
-    pub(in crate::exec) fn add(
-        &mut self,
-        plan: &Plan,
-        skin_hu: f64,
-        volume: &Volume<f32>,
-    ) -> Result<(), MeasureError> {
-        self.stages.push(profile(plan, skin_hu, volume)?);
-        Ok(())
-    }
-}
-
-fn profile(
+/// The skin of a volume in the mid-sagittal plane.
+///
+/// # Errors
+/// [`MeasureError`] where there is none.
+pub(in crate::exec) fn profile(
     plan: &Plan,
     skin_hu: f64,
     volume: &Volume<f32>,
@@ -69,28 +46,25 @@ struct Drawn<'a> {
 /// Writes `profile` and `volumes`, each as SVG and PNG: in each candidate's folder those of its stages, and
 /// for the whole plan those of every candidate's last stage.
 pub(in crate::exec) fn write_charts(
-    staging: &mut Staging,
+    staging: &Staging,
     plan: &Plan,
     grid: &Grid,
-    candidates: &[CandidateRecord],
-    profiles: &Profiles,
+    candidates: &[CandidateProfiles<'_>],
 ) -> Result<(), RunError> {
-    let mut skins = profiles.stages.iter();
     let mut last: Vec<Drawn<'_>> = Vec::new();
-    for candidate in candidates {
-        let mut drawn: Vec<Drawn<'_>> = Vec::with_capacity(candidate.stages.len());
-        for (place, record) in candidate.stages.iter().enumerate() {
-            let skin = if place == 0 {
-                Some(&profiles.preoperative)
-            } else {
-                skins.next()
-            };
-            drawn.push(Drawn {
+    for CandidateProfiles {
+        record: candidate,
+        profiles,
+    } in candidates
+    {
+        let stages = candidate.stages.iter().zip(profiles);
+        let mut drawn: Vec<Drawn<'_>> = stages
+            .map(|(record, skin)| Drawn {
                 name: &record.name,
                 record,
-                skin: skin.map_or(&[], Vec::as_slice),
-            });
-        }
+                skin,
+            })
+            .collect();
         let title = candidate.title.as_deref().unwrap_or(&candidate.name);
         write(
             staging,
@@ -113,7 +87,7 @@ pub(in crate::exec) fn write_charts(
 }
 
 fn write(
-    staging: &mut Staging,
+    staging: &Staging,
     folder: &Path,
     plan: &Plan,
     grid: &Grid,

@@ -34,7 +34,7 @@ pub(super) struct Field {
 }
 
 /// The box around the nose in every stage of every candidate.
-pub(super) fn nose_of_all(plan: &Plan) -> NoseBox {
+pub(in crate::exec) fn nose_of_all(plan: &Plan) -> NoseBox {
     let stages = plan
         .candidates
         .iter()

@@ -23,9 +23,10 @@ use crate::segment::EnhanceError;
 use crate::surface::SurfaceError;
 use crate::volume::VolumeError;
 
-pub(super) use charts::{Profiles, write_charts};
+pub(super) use charts::{CandidateProfiles, profile, write_charts};
+pub(super) use framing::nose_of_all;
 pub(super) use slices::write_slices;
-pub(super) use views::Gallery;
+pub(super) use views::{Gallery, write_sheets};
 
 /// The folder of the pictures of the nose as it is, within the plan's.
 pub(super) const PREOPERATIVE_FOLDER: &str = "preoperative";
@@ -63,12 +64,12 @@ pub enum PicturesError {
 }
 
 /// Puts bytes where a file of that name will be published.
-fn write_bytes(staging: &mut Staging, name: &Path, bytes: &[u8]) -> Result<(), RunError> {
+fn write_bytes(staging: &Staging, name: &Path, bytes: &[u8]) -> Result<(), RunError> {
     Ok(save(&staging.begin(name)?, bytes)?)
 }
 
 /// Writes a drawing as SVG, and as PNG beside it.
-fn write_drawing(staging: &mut Staging, name: &Path, svg: &str) -> Result<(), RunError> {
+fn write_drawing(staging: &Staging, name: &Path, svg: &str) -> Result<(), RunError> {
     write_bytes(staging, &name.with_extension("svg"), svg.as_bytes())?;
     let picture = rasterize(svg, 1.0).map_err(PicturesError::from)?;
     let (width, height) = picture.dimensions();

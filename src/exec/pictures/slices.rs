@@ -22,7 +22,7 @@ const SLICES: [(&str, Plane, f64); 4] = [
 
 /// Writes the slices of a stage into its folder. They show the volumes as they are, not enhanced.
 pub(in crate::exec) fn write_slices(
-    staging: &mut Staging,
+    staging: &Staging,
     folder: &Path,
     plan: &Plan,
     skin_hu: f64,

@@ -12,7 +12,7 @@ use crate::exec::error::RunError;
 use crate::io::staging::Staging;
 use crate::picture::{
     DivergingLegend, SheetRow, SideLetters, ViewOverlay, contact_sheet, diverging, encode_png,
-    overlay, side_by_side, tile,
+    overlay, side_by_side, strip, tile,
 };
 use crate::plan::{Object as Drawn, Plan, Views};
 use crate::render::{BONE, Camera, Frame, Object, Paint, SKIN, render};
@@ -33,15 +33,44 @@ pub(in crate::exec) struct Gallery<'a> {
     field: Field,
     /// The views before the first operation, in the order of the cameras.
     pictures: Vec<RgbImage>,
-    /// The contact sheet at work: the nose as it is, then the candidates that it has so far. Empty where there is
-    /// one candidate, which its pairs compare.
-    sheet: Vec<SheetRow>,
-    /// Contact sheets that are written.
-    sheets: usize,
 }
 
 /// How many candidates are on one contact sheet; more are on further ones.
-pub(in crate::exec) const SHEET_ROWS: usize = 20;
+const SHEET_ROWS: usize = 20;
+
+/// Writes contact sheets: the nose as it is, then candidates, each by its name and its pictures. They are asked for
+/// one sheet at a time.
+pub(in crate::exec) fn write_sheets(
+    staging: &Staging,
+    plan: &Plan,
+    start: &RgbImage,
+    candidates: &[&str],
+    pictures: impl Fn(usize) -> Result<RgbImage, RunError>,
+) -> Result<(), RunError> {
+    let Some(views) = &plan.views else {
+        return Ok(());
+    };
+    let cameras = views.cameras.iter();
+    let columns: Vec<&str> = cameras.map(|camera| camera.name.as_str()).collect();
+    let title = plan.title.as_deref().unwrap_or(&plan.name);
+    let all: Vec<usize> = (0..candidates.len()).collect();
+    for (number, places) in all.chunks(SHEET_ROWS).enumerate() {
+        let mut rows = vec![SheetRow::new("preoperative", start)];
+        for &place in places {
+            let name = candidates.get(place).copied().unwrap_or_default();
+            rows.push(SheetRow::new(name, &pictures(place)?));
+        }
+        let name = if candidates.len() > SHEET_ROWS {
+            format!("contact-sheet-{:02}.png", number + 1)
+        } else {
+            "contact-sheet.png".to_owned()
+        };
+        let sheet = contact_sheet(title, &columns, &rows).map_err(PicturesError::from)?;
+        let png = encode_png(&sheet).map_err(PicturesError::from)?;
+        write_bytes(staging, Path::new(&name), &png)?;
+    }
+    Ok(())
+}
 
 /// A camera of the plan and what it saw.
 struct Taken<'a> {
@@ -94,13 +123,15 @@ impl<'a> Gallery<'a> {
             before,
             field,
             pictures: Vec::new(),
-            sheet: Vec::new(),
-            sheets: 0,
         })
     }
 
-    /// Draws the nose as it is.
-    pub(in crate::exec) fn preoperative(&mut self, staging: &mut Staging) -> Result<(), RunError> {
+    /// Draws the nose as it is. Returns its pictures on the contact sheet, where the plan has several candidates;
+    /// a single one its pairs compare.
+    pub(in crate::exec) fn preoperative(
+        &mut self,
+        staging: &Staging,
+    ) -> Result<Option<RgbImage>, RunError> {
         let taken = self.take(&self.before)?;
         let caption = "preoperative";
         let drawn = taken.par_iter().map(|taken| {
@@ -115,57 +146,23 @@ impl<'a> Gallery<'a> {
             write_bytes(staging, &name, &png)?;
             pictures.push(picture);
         }
-        let row = (self.plan.candidates.len() > 1).then(|| self.row(caption, &taken));
+        let row = (self.plan.candidates.len() > 1).then(|| self.strip(&taken));
         drop(taken);
         self.pictures = pictures;
-        self.sheet.extend(row);
-        Ok(())
+        Ok(row)
     }
 
-    /// A row of the contact sheet: what the cameras saw, with nothing written over it.
-    fn row(&self, label: &str, taken: &[Taken<'_>]) -> SheetRow {
+    /// A row of the contact sheet: what the cameras saw, with nothing written over it, beside each other.
+    fn strip(&self, taken: &[Taken<'_>]) -> RgbImage {
         let tiles = taken
             .par_iter()
             .map(|taken| tile(&self.picture(&taken.frame)));
-        SheetRow {
-            label: label.to_owned(),
-            tiles: tiles.collect(),
-        }
+        strip(&tiles.collect::<Vec<_>>())
     }
 
-    /// Adds a candidate, drawn after its last stage, to the contact sheet, and writes the sheet when it is full or
-    /// the plan's last candidate is on it.
-    pub(in crate::exec) fn add_to_sheet(
-        &mut self,
-        staging: &mut Staging,
-        candidate: &str,
-        surfaces: &StageSurfaces,
-    ) -> Result<(), RunError> {
-        if self.sheet.is_empty() {
-            return Ok(());
-        }
-        let row = self.row(candidate, &self.take(&surfaces.after)?);
-        self.sheet.push(row);
-        let all = self.plan.candidates.len();
-        let drawn = self.sheets * SHEET_ROWS + self.sheet.len() - 1;
-        if drawn < all && self.sheet.len() <= SHEET_ROWS {
-            return Ok(());
-        }
-        self.sheets += 1;
-        let name = if all > SHEET_ROWS {
-            format!("contact-sheet-{:02}.png", self.sheets)
-        } else {
-            "contact-sheet.png".to_owned()
-        };
-        let cameras = self.views.cameras.iter();
-        let columns: Vec<&str> = cameras.map(|camera| camera.name.as_str()).collect();
-        let rows: Vec<&SheetRow> = self.sheet.iter().collect();
-        let title = self.plan.title.as_deref().unwrap_or(&self.plan.name);
-        let sheet = contact_sheet(title, &columns, &rows).map_err(PicturesError::from)?;
-        let png = encode_png(&sheet).map_err(PicturesError::from)?;
-        write_bytes(staging, Path::new(&name), &png)?;
-        self.sheet.truncate(1);
-        Ok(())
+    /// The pictures of a candidate's last stage on the contact sheet.
+    pub(in crate::exec) fn on_sheet(&self, surfaces: &StageSurfaces) -> Result<RgbImage, RunError> {
+        Ok(self.strip(&self.take(&surfaces.after)?))
     }
 
     /// A frame as a picture.
@@ -197,7 +194,7 @@ impl<'a> Gallery<'a> {
     /// Draws a stage: its views, each beside the view before, and what changed.
     pub(in crate::exec) fn stage(
         &self,
-        staging: &mut Staging,
+        staging: &Staging,
         folder: &Path,
         caption: &str,
         surfaces: &StageSurfaces,

@@ -93,7 +93,7 @@ impl Manifest {
         let now: BTreeSet<_> = now.iter().filter_map(|name| plain_name(name)).collect();
         let mut left = LeftOver::default();
         for (name, digests) in self.0.iter().filter(|(name, _)| !now.contains(*name)) {
-            match look_at(folder, name) {
+            match found_at(folder, name) {
                 Found::Nothing => {}
                 Found::File(path) => {
                     let found = sha256_hex_of_file(&path);
@@ -153,8 +153,16 @@ enum Found {
     Other,
 }
 
+/// The file that has this name in the folder, no link followed below it.
+pub(super) fn look_at(folder: &Path, name: &str) -> Option<PathBuf> {
+    match found_at(folder, name) {
+        Found::File(path) => Some(path),
+        Found::Nothing | Found::Other => None,
+    }
+}
+
 /// What has this name in the folder, no link followed below it.
-fn look_at(folder: &Path, name: &str) -> Found {
+fn found_at(folder: &Path, name: &str) -> Found {
     let mut path = folder.to_owned();
     let mut parts = name.split('/').peekable();
     while let Some(part) = parts.next() {

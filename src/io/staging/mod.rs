@@ -5,11 +5,13 @@
 //!
 //! - A run that fails leaves what earlier runs wrote as it was. A file that could not be put in place is found
 //!   before the first one is, and where a rename fails all the same, those before it are undone.
-//! - A run that is killed leaves its hidden folder, which the next one removes. If it was killed among the
+//! - A run that is killed leaves its hidden folder, of which the next one keeps what it can use (see [`Earlier`])
+//!   and removes the rest. If it was killed among the
 //!   renames, files of two runs are beside each other, each of them whole: then the last file of a run,
 //!   which is the first to be taken away and comes back last, is not there.
 //! - What the run before wrote and this one does not is removed, if nobody changed it since: see `manifest`.
 
+mod earlier;
 mod lock;
 mod manifest;
 mod publish;
@@ -20,10 +22,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 use tempfile::TempDir;
 
+use self::earlier::hidden_folders;
+pub use self::earlier::{Earlier, Found, Lost};
 use self::lock::{Asked, Lock};
 pub use self::manifest::is_plain;
 use self::manifest::{MANIFEST, Manifest, plain_name};
@@ -36,6 +41,10 @@ const OLD: &str = ".old";
 
 /// In the hidden folder: the list of files, to be renamed when all is done, which needs no room on the disk.
 const NOW: &str = ".now";
+
+/// Notes on results, by which a later run tells whether it can keep them: in the output folder once a run is
+/// published, in its hidden folder until then.
+const KEPT: &str = ".rhinoplan.kept";
 
 /// What the last run into a folder put there and is there still: names, `/` between their parts. Without the files
 /// that every run writes.
@@ -52,19 +61,26 @@ pub fn listed(folder: &Path) -> Vec<String> {
 /// The files of a run that is not finished.
 ///
 /// Dropped without [`Staging::publish`], it leaves the folder as it was. (What is dropped is in this order:
-/// the hidden folder, the lock, folders that were made and are empty.)
+/// the hidden folder, the lock, folders that were made and are empty.) Several threads can write files at once.
 #[derive(Debug)]
 pub struct Staging {
     hidden: TempDir,
     lock: Result<Lock, io::Error>,
     _made: Made,
     target: PathBuf,
-    files: Vec<Begun>,
+    files: Mutex<Files>,
+}
+
+#[derive(Debug, Default)]
+struct Files {
+    begun: Vec<Begun>,
+    /// Files of earlier runs that are in place and stay.
+    kept: Vec<PathBuf>,
     /// What is known of the content of files.
     digests: BTreeMap<PathBuf, String>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Begun {
     name: PathBuf,
     is_listed: bool,
@@ -81,7 +97,8 @@ pub struct Published {
 }
 
 impl Staging {
-    /// Makes the folder `target`, takes its lock, removes what killed runs left, and makes the hidden folder.
+    /// Makes the folder `target`, takes its lock, and makes the hidden folder. What killed runs left stays until
+    /// [`Staging::sweep`].
     ///
     /// # Errors
     /// [`ArtifactError`] where a folder cannot be made, or another run is writing into it.
@@ -106,9 +123,6 @@ impl Staging {
                 )));
             }
         };
-        if lock.is_ok() {
-            sweep(target);
-        }
         let hidden = tempfile::Builder::new()
             .prefix(HIDDEN)
             .tempdir_in(target)
@@ -118,9 +132,82 @@ impl Staging {
             lock,
             _made: made,
             target: target.to_owned(),
-            files: Vec::new(),
-            digests: BTreeMap::new(),
+            files: Mutex::default(),
         })
+    }
+
+    /// Results of earlier runs. Where the file system has no locks, what killed runs left is not among them: it
+    /// might be in use.
+    pub fn earlier(&self) -> Earlier {
+        let mut earlier = Earlier::of(&self.target);
+        let own = self.hidden_folder();
+        earlier.retain(|root| {
+            root == self.target || (self.lock.is_ok() && root.file_name() != own.file_name())
+        });
+        earlier
+    }
+
+    /// Removes what killed runs left, but for what was kept of it. Without a lock it does nothing.
+    pub fn sweep(&self) {
+        if self.lock.is_err() {
+            return;
+        }
+        let own = self.hidden_folder();
+        for folder in hidden_folders(&self.target) {
+            if folder.file_name() != own.file_name() {
+                // One that cannot be removed, another user's perhaps, is in nobody's way.
+                let _ = fs::remove_dir_all(folder);
+            }
+        }
+    }
+
+    /// Makes a file of an earlier run one of this run, as [`Earlier::find`] found it.
+    ///
+    /// # Errors
+    /// [`ArtifactError`] where it cannot be taken over.
+    pub fn keep(&self, name: &str, sha256: &str, found: &Found) -> Result<(), ArtifactError> {
+        if let Found::Left(from) = found {
+            let to = self.begin(name)?;
+            fs::rename(from, &to).map_err(|source| put_in_place(&to, source))?;
+        } else {
+            self.files().kept.push(PathBuf::from(name));
+        }
+        let digests = &mut self.files().digests;
+        digests.insert(PathBuf::from(name), sha256.to_owned());
+        Ok(())
+    }
+
+    /// Where to write a note on results: a hidden file that is published with the others, and that
+    /// [`Earlier::notes`] gives to later runs, published or not. It is to be written after what it is about.
+    ///
+    /// # Errors
+    /// [`ArtifactError`] where its folder cannot be made.
+    pub fn note(&self, name: &Path) -> Result<PathBuf, ArtifactError> {
+        let path = self.hidden_folder().join(KEPT).join(name);
+        make_parent(&path)?;
+        Ok(path)
+    }
+
+    /// Leaves the hidden folder, so that the next run can keep what is in it.
+    pub fn leave(mut self) {
+        self.hidden.disable_cleanup(true);
+    }
+
+    /// Takes back the files that were begun in a folder of the target.
+    pub fn forget(&self, folder: &Path) {
+        let mut files = self.files();
+        let stays = |name: &Path| !name.starts_with(folder);
+        files.begun.retain(|file| stays(&file.name));
+        files.kept.retain(|name| stays(name));
+        files.digests.retain(|name, _| stays(name));
+        drop(files);
+        let _ = fs::remove_dir_all(self.hidden_folder().join(folder));
+        let _ = fs::remove_dir_all(self.hidden_folder().join(KEPT).join(folder));
+    }
+
+    /// Only whole values are ever put in, so one that a panic left is as good.
+    fn files(&self) -> MutexGuard<'_, Files> {
+        self.files.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// What the user should know where the file system has no locks.
@@ -137,7 +224,7 @@ impl Staging {
     ///
     /// # Errors
     /// [`ArtifactError`] where a folder cannot be made, or the file could not be put in place.
-    pub fn begin(&mut self, name: impl AsRef<Path>) -> Result<PathBuf, ArtifactError> {
+    pub fn begin(&self, name: impl AsRef<Path>) -> Result<PathBuf, ArtifactError> {
         self.begin_file(name.as_ref(), true)
     }
 
@@ -146,36 +233,41 @@ impl Staging {
     ///
     /// # Errors
     /// As [`Staging::begin`].
-    pub fn begin_unlisted(&mut self, name: impl AsRef<Path>) -> Result<PathBuf, ArtifactError> {
+    pub fn begin_unlisted(&self, name: impl AsRef<Path>) -> Result<PathBuf, ArtifactError> {
         self.begin_file(name.as_ref(), false)
     }
 
-    fn begin_file(&mut self, name: &Path, is_listed: bool) -> Result<PathBuf, ArtifactError> {
+    fn begin_file(&self, name: &Path, is_listed: bool) -> Result<PathBuf, ArtifactError> {
         self.check(name)?;
         let path = self.hidden_folder().join(name);
         make_parent(&path)?;
-        self.files.push(Begun {
+        self.files().begun.push(Begun {
             name: name.to_owned(),
             is_listed,
         });
         Ok(path)
     }
 
-    /// Reads back the files written so far for the list of files. [`Staging::publish`] does it for the rest.
+    /// Reads back the files written so far for the list of files, those of one folder of the target or all.
+    /// [`Staging::publish`] does it for the rest. Returns what is known of files in that folder, in the order of
+    /// their names, `/` between folders.
     ///
     /// # Errors
     /// [`ArtifactError`] where one cannot be read.
-    pub fn digest(&mut self) -> Result<(), ArtifactError> {
-        let new: Vec<_> = self
-            .files
-            .iter()
-            .filter(|file| file.is_listed && !self.digests.contains_key(&file.name))
-            .map(|file| &file.name)
-            .collect();
+    pub fn digest(&self, folder: &Path) -> Result<Vec<(String, String)>, ArtifactError> {
+        let new: Vec<PathBuf> = {
+            let files = self.files();
+            let new = files.begun.iter().filter(|file| {
+                file.is_listed
+                    && file.name.starts_with(folder)
+                    && !files.digests.contains_key(&file.name)
+            });
+            new.map(|file| file.name.clone()).collect()
+        };
         let digests = new.into_par_iter().map(|name| {
-            let path = self.hidden_folder().join(name);
+            let path = self.hidden_folder().join(&name);
             match sha256_hex_of_file(&path) {
-                Ok(sha256) => Ok((name.clone(), sha256)),
+                Ok(sha256) => Ok((name, sha256)),
                 Err(source) => Err(ArtifactError {
                     path,
                     action: "read back",
@@ -184,8 +276,15 @@ impl Staging {
             }
         });
         let digests = digests.collect::<Result<Vec<_>, _>>()?;
-        self.digests.extend(digests);
-        Ok(())
+        let mut files = self.files();
+        files.digests.extend(digests);
+        let of_folder = files
+            .digests
+            .iter()
+            .filter(|(name, _)| name.starts_with(folder));
+        Ok(of_folder
+            .filter_map(|(name, sha256)| Some((plain_name(name)?, sha256.clone())))
+            .collect())
     }
 
     /// Puts every file in place, in the order of [`Staging::begin`], instead of those that were there, and
@@ -194,13 +293,17 @@ impl Staging {
     /// # Errors
     /// [`ArtifactError`] for the first file that cannot be put in place; then none is.
     pub fn publish(mut self) -> Result<Published, ArtifactError> {
-        for file in &self.files {
-            self.check(&file.name)?;
+        self.digest(Path::new(""))?;
+        let (names, kept) = {
+            let files = self.files();
+            let names: Vec<_> = files.begun.iter().map(|file| file.name.clone()).collect();
+            (names, files.kept.clone())
+        };
+        for name in &names {
+            self.check(name)?;
         }
-        self.digest()?;
         let earlier = Manifest::read(&self.target);
-        let names: Vec<_> = self.files.iter().map(|file| file.name.clone()).collect();
-        let left = earlier.left_over(&names, &self.target);
+        let left = earlier.left_over(&[&names[..], &kept].concat(), &self.target);
         let now = self.manifest();
         let settled = self.hidden_folder().join(NOW);
         save(&settled, now.text().as_bytes())?;
@@ -243,7 +346,7 @@ impl Staging {
 
     fn manifest(&self) -> Manifest {
         let mut manifest = Manifest::default();
-        for (name, sha256) in &self.digests {
+        for (name, sha256) in &self.files().digests {
             if let Some(name) = plain_name(name) {
                 manifest.add(name, sha256.clone());
             }
@@ -270,6 +373,19 @@ impl Staging {
     ) -> Result<Vec<Move>, ArtifactError> {
         let hidden = self.hidden_folder();
         let mut moves = Vec::new();
+        // The notes first: without them the results are computed again, with those of another run they would
+        // not be.
+        let (notes, notes_now) = (self.target.join(KEPT), hidden.join(KEPT));
+        let replaced_notes = notes.symlink_metadata().is_ok();
+        if replaced_notes {
+            let to = hidden.join(OLD).join(KEPT);
+            make_parent(&to).map_err(|error| put_in_place(&notes, error.source))?;
+            moves.push(Move {
+                from: notes.clone(),
+                to,
+                path: notes.clone(),
+            });
+        }
         let replaced = names
             .last()
             .into_iter()
@@ -303,6 +419,13 @@ impl Staging {
                 from: hidden.join(name),
                 to: path.clone(),
                 path,
+            });
+        }
+        if notes_now.is_dir() {
+            moves.push(Move {
+                from: notes_now,
+                to: notes.clone(),
+                path: notes,
             });
         }
         Ok(moves)
@@ -341,21 +464,6 @@ impl Staging {
         tempfile::tempfile_in(folder)
             .map(drop)
             .map_err(|error| put_in_place(&path, plain(error)))
-    }
-}
-
-/// Removes the hidden folders of runs that were killed. Only the holder of the lock may: then nobody uses them.
-fn sweep(target: &Path) {
-    let Ok(entries) = fs::read_dir(target) else {
-        return;
-    };
-    for entry in entries.flatten() {
-        let is_hidden = entry.file_name().to_string_lossy().starts_with(HIDDEN);
-        // Of the entry itself: a link is no folder.
-        if is_hidden && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-            // One that cannot be removed, another user's perhaps, is in nobody's way.
-            let _ = fs::remove_dir_all(entry.path());
-        }
     }
 }
 

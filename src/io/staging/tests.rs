@@ -9,7 +9,7 @@ use crate::io::tests::names;
 fn files_appear_together_and_nothing_else_does() {
     let root = tempfile::tempdir().unwrap();
     let target = root.path().join("a/plan");
-    let mut staging = Staging::new(&target).unwrap();
+    let staging = Staging::new(&target).unwrap();
     fs::write(staging.begin("one/two.txt").unwrap(), "2").unwrap();
     fs::write(staging.begin("run.json").unwrap(), "{}").unwrap();
     let begun = names(&target);
@@ -24,10 +24,10 @@ fn files_appear_together_and_nothing_else_does() {
 fn a_run_that_fails_leaves_what_was_there() {
     let root = tempfile::tempdir().unwrap();
     let target = root.path().join("plan");
-    let mut first = Staging::new(&target).unwrap();
+    let first = Staging::new(&target).unwrap();
     fs::write(first.begin("run.json").unwrap(), "first").unwrap();
     first.publish().unwrap();
-    let mut second = Staging::new(&target).unwrap();
+    let second = Staging::new(&target).unwrap();
     fs::write(second.begin("run.json").unwrap(), "second").unwrap();
     drop(second);
     assert_eq!(names(&target), [MANIFEST, "run.json"]);
@@ -72,7 +72,7 @@ fn nothing_is_put_in_place_where_something_cannot_be() {
             if !late {
                 block();
             }
-            let mut staging = Staging::new(root.path()).unwrap();
+            let staging = Staging::new(root.path()).unwrap();
             fs::write(staging.begin("a.txt").unwrap(), "new").unwrap();
             let error = match staging.begin(name) {
                 Ok(path) => {
@@ -124,7 +124,8 @@ fn files(folder: &Path) -> BTreeMap<String, String> {
 
 /// Some files of a run, each with its name and `what` in it.
 fn begin(target: &Path, names: &[&str], what: &str) -> Staging {
-    let mut staging = Staging::new(target).unwrap();
+    let staging = Staging::new(target).unwrap();
+    staging.sweep();
     for name in names {
         let path = staging.begin(name).unwrap();
         fs::write(path, format!("{what} of {name}")).unwrap();
@@ -268,7 +269,10 @@ fn what_killed_runs_left_goes_away_and_nothing_else_does() {
         std::os::unix::fs::symlink(from, target.join(to)).unwrap();
     }
     let before = names(&target);
-    drop(Staging::new(&target).unwrap());
+    let staging = Staging::new(&target).unwrap();
+    assert!(names(&target).contains(&".rhinoplan-a1b2c3".to_owned()));
+    staging.sweep();
+    drop(staging);
     let after = names(&target);
     assert!(!after.iter().any(|name| name == ".rhinoplan-a1b2c3"));
     assert_eq!(after.len() + 1, before.len());
@@ -280,9 +284,14 @@ fn what_killed_runs_left_goes_away_and_nothing_else_does() {
 /// Whether there was anything left to do.
 fn killed_after(staging: Staging, count: usize) -> bool {
     let mut staging = staging;
-    staging.digest().unwrap();
+    staging.digest(Path::new("")).unwrap();
     let earlier = Manifest::read(&staging.target);
-    let names: Vec<_> = staging.files.iter().map(|file| file.name.clone()).collect();
+    let names: Vec<_> = staging
+        .files()
+        .begun
+        .iter()
+        .map(|file| file.name.clone())
+        .collect();
     let left = earlier.left_over(&names, &staging.target);
     staging
         .write_manifest(&staging.manifest().and(&earlier))
@@ -351,7 +360,7 @@ fn a_rename_that_fails_undoes_those_before_it() {
     let root = tempfile::tempdir().unwrap();
     begin(root.path(), &FIRST, "first").publish().unwrap();
     let before = files(root.path());
-    let mut second = begin(root.path(), &SECOND[..3], "second");
+    let second = begin(root.path(), &SECOND[..3], "second");
     // It is not there to be renamed: what the disk did to it does not matter.
     second.begin_unlisted("timings.json").unwrap();
     fs::write(second.begin("run.json").unwrap(), "second").unwrap();

@@ -2,17 +2,15 @@
 
 use super::super::decode::{Faults, Table, Value, one_of};
 use super::super::diagnostic::{Code, Fault};
+use super::super::format;
 use crate::compare::{Accept, BareNumber, Limit, MEASURES, Measure, Quantity};
 
-/// The keys of a limit that is a table.
-const KEYS: [&str; 4] = ["min", "max", "change", "change_percent"];
 const INTERVAL: &str = "[least, most], two numbers, the first not above the second";
 
 /// The limits; none where none are given.
 pub(super) fn accept(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Accept> {
     let value = plan.get("accept")?;
-    let known = MEASURES.map(|measure| measure.name);
-    let table = faults.table(value, "[accept]", &known)?;
+    let table = faults.table(value, &format::ACCEPT)?;
     if value
         .get_ref()
         .as_table()
@@ -58,7 +56,10 @@ fn limits_of(
         BareNumber::Most => "a number, the most that is allowed; ",
         BareNumber::Nothing => "",
     };
-    let expected = format!("{bare}[least, most]; or a table of {}", one_of(&KEYS, '`'));
+    let expected = format!(
+        "{bare}[least, most]; or a table of {}",
+        one_of(&format::limit_of(measure).names(), '`')
+    );
     let is_number = written.is_integer() || written.is_float();
     if is_number && measure.bare == BareNumber::Nothing {
         let hint = "say whether it is the least or the most: `{ min = … }` or `{ max = … }`";
@@ -78,14 +79,20 @@ fn table_of(
     value: &Value<'_>,
     faults: &mut Faults,
 ) -> Option<Vec<Limit>> {
-    let table = faults.table(value, "a limit of [accept]", &KEYS)?;
-    if KEYS.iter().all(|key| table.get(key).is_none()) {
+    let format = format::limit_of(measure);
+    let table = faults.table(value, format)?;
+    let keys = format.names();
+    if value
+        .get_ref()
+        .as_table()
+        .is_some_and(|table| table.is_empty())
+    {
         let fault = Fault::new(
             Code::MissingKey,
             table.span,
             format!("{what} gives no limit"),
         );
-        faults.push(fault.expected(format!("one or more of {}", one_of(&KEYS, '`'))));
+        faults.push(fault.expected(format!("one or more of {}", one_of(&keys, '`'))));
         return None;
     }
     let mut end = |key: &str| match table.get(key) {
@@ -122,14 +129,6 @@ fn table_of(
         let Some(value) = table.get(key) else {
             continue;
         };
-        if of == Quantity::ChangePercent && !measure.has_percent {
-            let message = format!("{what} has no change in percent");
-            let fault = Fault::new(Code::Conflict, table.key_place(key), message);
-            let hint = "limit the change itself: `{ change = [least, most] }`".to_owned();
-            let fault = fault.found(format!("`{key}` of a position, a movement or an extreme"));
-            faults.push(fault.expected(format!("no `{key}`")).hint(hint));
-            continue;
-        }
         let what = format!("{what}, `{key}`,");
         if let Some([min, max]) = interval(value, &what, faults) {
             limits.push(Limit {

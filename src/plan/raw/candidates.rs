@@ -4,19 +4,13 @@ use std::collections::HashSet;
 
 use super::super::decode::{Faults, Table, Value, describe};
 use super::super::diagnostic::{Code, Fault};
+use super::super::format::{
+    self, MAX_CANDIDATES, MAX_EDITS, MAX_STAGES, PREOPERATIVE, ROTATION_DEG, WIDTH,
+};
 use super::super::resolved::Swept;
 use super::super::source::{Located, Span};
 use super::{POINT, kind, name, title};
 use crate::feature::{Edit, FeatureKind};
-
-/// The most candidates, stages of a candidate and edits of a stage: more come from a broken generator.
-pub(super) const MAX_CANDIDATES: usize = 1000;
-const MAX_STAGES: usize = 100;
-const MAX_EDITS: usize = 100;
-/// The name under which tables show the nose as it was.
-const PREOPERATIVE: &str = "preoperative";
-/// The largest widening factor; its inverse is the smallest.
-pub(in super::super) const MAX_WIDTH: f64 = 10.0;
 
 /// A candidate whose name or stages may be wanting.
 #[derive(Debug, Clone)]
@@ -51,6 +45,9 @@ pub(in super::super) enum RawEdit {
     Word(Edit),
 }
 
+/// The names of the edits that a line has and a point has not.
+pub(in super::super) const LINE_EDITS: [&str; 3] = ["move_root", "root_to", "width"];
+
 impl RawEdit {
     /// Its name in a plan.
     pub fn word(&self) -> &'static str {
@@ -69,12 +66,13 @@ impl RawEdit {
         }
     }
 
-    /// The name of an edit that a line has and a point has not.
+    /// Its name, where it is one of [`LINE_EDITS`].
     pub fn name_if_of_a_line(&self) -> Option<&'static str> {
+        let [move_root, root_to, width] = LINE_EDITS;
         match self {
-            Self::MoveRoot(_) => Some("move_root"),
-            Self::RootTo(_) => Some("root_to"),
-            Self::Word(Edit::Width(_)) => Some("width"),
+            Self::MoveRoot(_) => Some(move_root),
+            Self::RootTo(_) => Some(root_to),
+            Self::Word(Edit::Width(_)) => Some(width),
             _ => None,
         }
     }
@@ -99,7 +97,7 @@ pub(super) fn candidates(plan: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawCa
     tables(value, "[[candidate]]", MAX_CANDIDATES, faults)
         .iter()
         .filter_map(|item| {
-            let table = faults.table(item, "[[candidate]]", &["name", "title", "stage"])?;
+            let table = faults.table(item, &format::CANDIDATE)?;
             let name = name(&table, "`candidate.name`", faults);
             Some(RawCandidate {
                 name: unique(name, "candidate", &mut names, faults),
@@ -121,7 +119,7 @@ fn stages(candidate: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawStage> {
     tables(value, "[[candidate.stage]]", MAX_STAGES, faults)
         .iter()
         .filter_map(|item| {
-            let table = faults.table(item, "[[candidate.stage]]", &["name", "kind", "f1"])?;
+            let table = faults.table(item, &format::STAGE)?;
             let mut name = name(&table, "`candidate.stage.name`", faults);
             if let Some(reserved) = name.take_if(|name| name.value == PREOPERATIVE) {
                 let message = format!(
@@ -216,22 +214,10 @@ fn edits(stage: &Table<'_, '_>, faults: &mut Faults) -> Vec<Option<Located<RawEd
     items.iter().map(|item| edit(item, faults)).collect()
 }
 
-/// The names of the edits.
-const EDITS: [&str; 9] = [
-    "move_tip",
-    "move_root",
-    "tip_to",
-    "root_to",
-    "project",
-    "rotate",
-    "lengthen",
-    "deviate",
-    "width",
-];
-
 fn edit(value: &Value<'_>, faults: &mut Faults) -> Option<Located<RawEdit>> {
     let expected = "an edit, such as { project = -2.0 }; several edits are several tables";
-    let (name, given) = faults.choice(value, "an edit of f1", &EDITS, expected, None)?;
+    let format = &format::EDIT;
+    let (name, given) = faults.choice(value, format.name, &format.names(), expected, None)?;
     let edit = match name {
         "move_tip" => RawEdit::MoveTip(vector(given, "`move_tip`", faults)?),
         "move_root" => RawEdit::MoveRoot(vector(given, "`move_root`", faults)?),
@@ -257,15 +243,12 @@ pub(super) fn number_of(
 ) -> Option<f64> {
     match word {
         "rotate" => {
-            let expected = "a number of degrees between -180 and 180";
-            let valid = |degrees: f64| degrees.abs() < 180.0;
-            faults.number_where(given, what, expected, valid)
+            let expected = format!("a number of degrees {ROTATION_DEG}");
+            faults.number_in(given, what, &expected, ROTATION_DEG)
         }
         "width" => {
-            let least = MAX_WIDTH.recip();
-            let expected = format!("a factor from {least} to {MAX_WIDTH}; 1 changes nothing");
-            let valid = |factor: f64| (least..=MAX_WIDTH).contains(&factor);
-            faults.number_where(given, what, &expected, valid)
+            let expected = format!("a factor {WIDTH}; 1 changes nothing");
+            faults.number_in(given, what, &expected, WIDTH)
         }
         "move_tip" | "move_root" => faults.number(given, what, "a number, of either sign"),
         _ => faults.number(given, what, "a number of mm, of either sign"),

@@ -15,20 +15,15 @@ use toml::de::DeTable;
 
 use super::decode::{Faults, Table, Value, describe, quote, small_integer};
 use super::diagnostic::{Code, Fault};
+use super::format::{self, FORMAT, MAX_NAME, MAX_TITLE, MAX_UID};
 use super::resolved::{Enhance, MeshSettings, Morph, Outputs, Phantom, Segment, Views};
 use super::source::{Located, Span};
 use crate::compare::Accept;
 use crate::feature::{FeatureKind, Landmark, Landmarks};
 
-pub(super) use candidates::{MAX_WIDTH, RawCandidate, RawEdit, RawStage, RawVector};
+pub(super) use candidates::{LINE_EDITS, RawCandidate, RawEdit, RawStage, RawVector};
 pub(super) use settings::RawLength;
-
-/// The version of the format that this program reads.
-const FORMAT: i64 = 1;
-/// The longest name: it is part of a path, with room for a folder's number in front of it.
-const MAX_NAME: usize = 64;
-/// The longest title, in characters.
-const MAX_TITLE: usize = 200;
+pub(super) use sweeps::{RawSweep, RawVary};
 
 /// A plan as written.
 #[derive(Debug, Clone)]
@@ -46,7 +41,9 @@ pub(super) struct RawPlan {
     pub enhance: Enhance,
     pub segment: Segment,
     pub morph: Morph,
+    /// Those of the sweeps included.
     pub candidates: Vec<RawCandidate>,
+    pub sweeps: Vec<RawSweep>,
     pub outputs: Outputs,
     pub views: Option<Views>,
     pub mesh: Option<MeshSettings>,
@@ -76,14 +73,8 @@ pub(super) enum Frame {
 }
 
 impl Frame {
-    /// The words that plans use.
-    pub const WORDS: [(&'static str, Self); 3] = [
-        ("voxel", Self::Voxel),
-        ("lps", Self::Lps),
-        ("ras", Self::Ras),
-    ];
-
-    pub fn name(self) -> &'static str {
+    /// The word that plans use.
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Voxel => "voxel",
             Self::Lps => "lps",
@@ -109,24 +100,6 @@ const POINT: &str = "three numbers in the landmarks' frame, [x, y, z]";
 impl RawPlan {
     /// Decodes a document. None where it is of a version whose keys may mean something else.
     pub fn decode(document: &DeTable<'_>, faults: &mut Faults) -> Option<Self> {
-        let known = [
-            "plan",
-            "name",
-            "title",
-            "ct",
-            "landmarks",
-            "cage",
-            "f1",
-            "enhance",
-            "segment",
-            "morph",
-            "candidate",
-            "sweep",
-            "outputs",
-            "views",
-            "mesh",
-            "accept",
-        ];
         // A missing key has no place; the first key of the file stands for the file.
         let first = document
             .keys()
@@ -139,7 +112,7 @@ impl RawPlan {
         {
             return None;
         }
-        let table = faults.entries(document, span, "the plan", &known);
+        let table = faults.entries(document, span, format::PLAN.name, &format::PLAN.names());
         if table.get("plan").is_none() {
             let expected = format!("`plan = {FORMAT}`, the version of the format");
             faults.missing(&table, "plan", &expected);
@@ -149,6 +122,8 @@ impl RawPlan {
         let (ct, ct_place) = ct(&table, faults);
         let (f1_root, f1_kind) = f1(&table, faults);
         let outputs = settings::outputs(&table, faults);
+        // Last, so that faults come in the order of the keys.
+        let mut candidates;
         Some(Self {
             name,
             title,
@@ -164,12 +139,12 @@ impl RawPlan {
             outputs: outputs.unwrap_or_default(),
             views: views::views(&table, outputs, faults),
             mesh: settings::mesh(&table, outputs, faults),
-            candidates: {
-                let mut candidates = candidates::candidates(&table, faults);
-                sweeps::sweeps(&table, &mut candidates, faults);
-                candidates
+            sweeps: {
+                candidates = candidates::candidates(&table, faults);
+                sweeps::sweeps(&table, &mut candidates, faults)
             },
             accept: accept::accept(&table, faults),
+            candidates,
         })
     }
 }
@@ -265,7 +240,7 @@ fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
         faults.missing(plan, "ct", expected);
         return (None, plan.span);
     };
-    let Some(table) = faults.table(value, "[ct]", &["path", "phantom", "sha256", "series"]) else {
+    let Some(table) = faults.table(value, &format::CT) else {
         return (None, value.span().into());
     };
     let sha256 = table.get("sha256").and_then(|value| sha256(value, faults));
@@ -310,8 +285,7 @@ fn ct(plan: &Table<'_, '_>, faults: &mut Faults) -> (Option<RawCt>, Span) {
                     faults.push(fault.expected(format!("no `{key}`")).hint(hint));
                 }
             }
-            let words = [(Phantom::Lee2001.name(), Phantom::Lee2001)];
-            let word = faults.word(phantom, "`ct.phantom`", &words);
+            let word = faults.word(phantom, "`ct.phantom`", &format::PHANTOMS);
             (word.map(RawCt::Phantom), phantom.span().into())
         }
     }
@@ -341,11 +315,12 @@ fn sha256(value: &Value<'_>, faults: &mut Faults) -> Option<String> {
 }
 
 fn series(value: &Value<'_>, faults: &mut Faults) -> Option<String> {
-    let expected = "the SeriesInstanceUID that `rhinoplan info` shows, at most 64 characters";
-    let uid = faults.string(value, "`ct.series`", expected)?;
+    let expected =
+        format!("the SeriesInstanceUID that `rhinoplan info` shows, at most {MAX_UID} characters");
+    let uid = faults.string(value, "`ct.series`", &expected)?;
     // As the standard has it, digits and points; some programs that hide names write other characters.
-    if uid.is_empty() || uid.len() > 64 || !uid.chars().all(|c| c.is_ascii_graphic()) {
-        faults.bad_value(value, "`ct.series`", "is not a UID", expected);
+    if uid.is_empty() || uid.len() > MAX_UID || !uid.chars().all(|c| c.is_ascii_graphic()) {
+        faults.bad_value(value, "`ct.series`", "is not a UID", &expected);
         return None;
     }
     Some(uid.to_owned())
@@ -367,12 +342,7 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
         faults.missing(plan, "landmarks", &expected);
         return none();
     };
-    let known: Vec<&str> = ["frame"]
-        .into_iter()
-        .chain(names)
-        .chain(["file", "snap"])
-        .collect();
-    let Some(table) = faults.table(value, "[landmarks]", &known) else {
+    let Some(table) = faults.table(value, &format::LANDMARKS) else {
         return none();
     };
     let snap_mm = settings::snap(&table, faults);
@@ -384,7 +354,7 @@ fn landmarks(plan: &Table<'_, '_>, faults: &mut Faults) -> RawLandmarks {
         };
     }
     let frame = match table.get("frame") {
-        Some(frame) => faults.word(frame, "`landmarks.frame`", &Frame::WORDS),
+        Some(frame) => faults.word(frame, "`landmarks.frame`", &format::FRAMES),
         None => {
             let expected = "\"voxel\" (LPS order, from 0), \"lps\" or \"ras\" (mm)";
             faults.missing(&table, "frame", expected);
@@ -455,7 +425,7 @@ fn f1(
     faults: &mut Faults,
 ) -> (Option<Located<[f64; 3]>>, Option<FeatureKind>) {
     let table = plan.get("f1");
-    let Some(table) = table.and_then(|value| faults.table(value, "[f1]", &["root", "kind"])) else {
+    let Some(table) = table.and_then(|value| faults.table(value, &format::F1)) else {
         return (None, None);
     };
     let root = table.get("root");
@@ -465,6 +435,5 @@ fn f1(
 
 /// What of f1 is the feature, where the table says so.
 fn kind(table: &Table<'_, '_>, what: &str, faults: &mut Faults) -> Option<FeatureKind> {
-    let words = [FeatureKind::Line, FeatureKind::Point].map(|kind| (kind.name(), kind));
-    faults.word(table.get("kind")?, what, &words)
+    faults.word(table.get("kind")?, what, &format::KINDS)
 }

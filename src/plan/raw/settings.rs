@@ -2,6 +2,10 @@
 
 use super::super::decode::{Faults, Table, Value, describe, one_of};
 use super::super::diagnostic::{Code, Fault};
+use super::super::format::{
+    self, HU, LENGTH, MEDIAN, METHODS, MODELS, MethodWord, ModelWord, OUTPUT_WORDS, Output, Range,
+    SCALES, SIGMA_MM, SNAP_MM, THRESHOLDS, TRIANGLES,
+};
 use super::super::resolved::{
     DEFAULT_BONE_HU, DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, Enhance, MeshSettings,
     Method, Model, Morph, Outputs, Scale, Segment, SkinThreshold, Tolerance,
@@ -14,17 +18,6 @@ pub(in super::super) enum RawLength {
     Voxels(f64),
 }
 
-/// The largest length, in either unit: heads are smaller.
-const MAX_LENGTH: f64 = 1000.0;
-/// The largest sigma of a Gaussian, mm: a nose is not much larger.
-const MAX_SIGMA_MM: f64 = 10.0;
-/// The furthest that a landmark is moved, mm: what is further away was not misplaced by a little.
-const MAX_SNAP_MM: f64 = 10.0;
-/// The only window of the median filter: 3×3×3 voxels.
-const MEDIAN: i64 = 3;
-/// The largest threshold on either side of 0, HU: what 16-bit files can hold.
-const MAX_HU: f64 = 32_768.0;
-
 /// A positive length, `{ mm = … }` or, where `units` has it, `{ voxels = … }`.
 fn length(
     value: &Value<'_>,
@@ -32,9 +25,8 @@ fn length(
     units: &[&'static str],
     faults: &mut Faults,
 ) -> Option<RawLength> {
-    let expected = format!("a number above 0, at most {MAX_LENGTH}");
-    let valid = |number: f64| number > 0.0 && number <= MAX_LENGTH;
-    let (unit, number) = measured(value, what, units, &expected, valid, faults)?;
+    let expected = format!("a number {LENGTH}");
+    let (unit, number) = measured(value, what, units, &expected, LENGTH, faults)?;
     Some(match unit {
         "voxels" => RawLength::Voxels(number),
         _ => RawLength::Mm(number),
@@ -47,7 +39,7 @@ pub(super) fn measured(
     what: &'static str,
     units: &[&'static str],
     expected: &str,
-    valid: impl FnOnce(f64) -> bool,
+    range: Range,
     faults: &mut Faults,
 ) -> Option<(&'static str, f64)> {
     let forms: Vec<String> = units
@@ -59,21 +51,27 @@ pub(super) fn measured(
     let bare = value.get_ref().is_float() || value.get_ref().is_integer();
     let hint = bare.then(|| format!("say the unit: {}", forms.replace('…', &number)));
     let (unit, number) = faults.choice(value, what, units, &forms, hint)?;
-    let number = faults.number_where(number, what, expected, valid)?;
+    let number = faults.number_in(number, what, expected, range)?;
     Some((unit, number))
 }
 
 /// `landmarks.snap`, mm.
 pub(super) fn snap(landmarks: &Table<'_, '_>, faults: &mut Faults) -> Option<f64> {
     let value = landmarks.get("snap")?;
-    let expected = format!("a number above 0, at most {MAX_SNAP_MM} mm");
-    let valid = |mm: f64| mm > 0.0 && mm <= MAX_SNAP_MM;
-    let snap = measured(value, "`landmarks.snap`", &["mm"], &expected, valid, faults);
+    let expected = format!("a number {SNAP_MM} mm");
+    let snap = measured(
+        value,
+        "`landmarks.snap`",
+        &["mm"],
+        &expected,
+        SNAP_MM,
+        faults,
+    );
     snap.map(|(_, mm)| mm)
 }
 
 pub(super) fn cage_depth(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<RawLength> {
-    let table = faults.table(plan.get("cage")?, "[cage]", &["depth"])?;
+    let table = faults.table(plan.get("cage")?, &format::CAGE)?;
     length(
         table.get("depth")?,
         "`cage.depth`",
@@ -85,20 +83,18 @@ pub(super) fn cage_depth(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Ra
 pub(super) fn enhance(plan: &Table<'_, '_>, faults: &mut Faults) -> Enhance {
     let mut enhance = Enhance::default();
     let table = plan.get("enhance");
-    let known = ["median", "smooth"];
-    let Some(table) = table.and_then(|value| faults.table(value, "[enhance]", &known)) else {
+    let Some(table) = table.and_then(|value| faults.table(value, &format::ENHANCE)) else {
         return enhance;
     };
     if let Some(value) = table.get("median") {
-        let expected = "3, the side of the window in voxels";
-        let is_median = |side| side == MEDIAN;
-        let side = faults.integer_where(value, "`enhance.median`", expected, is_median);
+        let expected = format!("{MEDIAN}, the side of the window in voxels");
+        let side = faults.integer_in(value, "`enhance.median`", &expected, MEDIAN);
         enhance.median = side.and_then(|side| usize::try_from(side).ok());
     }
     if let Some(value) = table.get("smooth") {
-        let expected = format!("a sigma above 0, at most {MAX_SIGMA_MM} mm");
-        let valid = |sigma: f64| sigma > 0.0 && sigma <= MAX_SIGMA_MM;
-        let sigma = measured(value, "`enhance.smooth`", &["mm"], &expected, valid, faults);
+        let expected = format!("a sigma {SIGMA_MM} mm");
+        let what = "`enhance.smooth`";
+        let sigma = measured(value, what, &["mm"], &expected, SIGMA_MM, faults);
         enhance.smooth_mm = sigma.map(|(_, sigma)| sigma);
     }
     enhance
@@ -110,9 +106,8 @@ pub(super) fn segment(plan: &Table<'_, '_>, faults: &mut Faults) -> Segment {
         bone_hu: DEFAULT_BONE_HU,
         keep_largest: true,
     };
-    let known = ["skin_hu", "bone_hu", "keep_largest"];
     let table = plan.get("segment");
-    let Some(table) = table.and_then(|value| faults.table(value, "[segment]", &known)) else {
+    let Some(table) = table.and_then(|value| faults.table(value, &format::SEGMENT)) else {
         return defaults;
     };
     let keep_largest = table.get("keep_largest");
@@ -124,8 +119,8 @@ pub(super) fn segment(plan: &Table<'_, '_>, faults: &mut Faults) -> Segment {
     };
     let bone = match table.get("bone_hu") {
         Some(value) => {
-            let expected = format!("a number of HU from {} to {MAX_HU}", -MAX_HU);
-            faults.number_where(value, "`segment.bone_hu`", &expected, is_hu)
+            let expected = format!("a number of HU {HU}");
+            faults.number_in(value, "`segment.bone_hu`", &expected, HU)
         }
         None => Some(defaults.bone_hu),
     };
@@ -159,30 +154,12 @@ pub(super) fn segment(plan: &Table<'_, '_>, faults: &mut Faults) -> Segment {
 fn skin(value: &Value<'_>, faults: &mut Faults) -> Option<SkinThreshold> {
     let what = "`segment.skin_hu`";
     let word = SkinThreshold::OTSU;
-    let expected = format!("a number of HU from {} to {MAX_HU}, or \"{word}\"", -MAX_HU);
+    let expected = format!("a number of HU {HU}, or \"{word}\"");
     if value.get_ref().is_str() {
-        return faults.word_or(value, what, &[(word, SkinThreshold::Otsu)], &expected);
+        return faults.word_or(value, what, &THRESHOLDS, &expected);
     }
-    let hu = faults.number_where(value, what, &expected, is_hu)?;
+    let hu = faults.number_in(value, what, &expected, HU)?;
     Some(SkinThreshold::Hu(hu))
-}
-
-fn is_hu(hu: f64) -> bool {
-    hu.abs() <= MAX_HU
-}
-
-/// The words of `morph.model`, before the margin is known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum ModelWord {
-    Local,
-    Lee2001,
-}
-
-/// The words of `morph.method`, before the tolerance is known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum MethodWord {
-    Adaptive,
-    Exact,
 }
 
 pub(super) fn morph(plan: &Table<'_, '_>, faults: &mut Faults) -> Morph {
@@ -196,21 +173,12 @@ pub(super) fn morph(plan: &Table<'_, '_>, faults: &mut Faults) -> Morph {
         },
         compare_exact: false,
     };
-    let known = [
-        "model",
-        "scale",
-        "method",
-        "tolerance",
-        "margin",
-        "compare_exact",
-    ];
     let table = plan.get("morph");
-    let Some(table) = table.and_then(|value| faults.table(value, "[morph]", &known)) else {
+    let Some(table) = table.and_then(|value| faults.table(value, &format::MORPH)) else {
         return defaults;
     };
-    let scales = [("full", Scale::Full), ("half", Scale::Half)];
     let scale = table.get("scale");
-    let scale = scale.and_then(|value| faults.word(value, "`morph.scale`", &scales));
+    let scale = scale.and_then(|value| faults.word(value, "`morph.scale`", &SCALES));
     let compare = table.get("compare_exact");
     let compare = compare.and_then(|value| faults.boolean(value, "`morph.compare_exact`"));
     Morph {
@@ -222,12 +190,8 @@ pub(super) fn morph(plan: &Table<'_, '_>, faults: &mut Faults) -> Morph {
 }
 
 fn model(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Model> {
-    let words = [
-        ("local", ModelWord::Local),
-        (Model::Lee2001.name(), ModelWord::Lee2001),
-    ];
     let word = match table.get("model") {
-        Some(value) => faults.word(value, "`morph.model`", &words),
+        Some(value) => faults.word(value, "`morph.model`", &MODELS),
         None => Some(ModelWord::Local),
     };
     let margin_mm = match table.get("margin") {
@@ -251,12 +215,8 @@ fn model(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Model> {
 }
 
 fn method(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Method> {
-    let words = [
-        ("adaptive", MethodWord::Adaptive),
-        (Method::Exact.name(), MethodWord::Exact),
-    ];
     let word = match table.get("method") {
-        Some(value) => faults.word(value, "`morph.method`", &words),
+        Some(value) => faults.word(value, "`morph.method`", &METHODS),
         None => Some(MethodWord::Adaptive),
     };
     let tolerance = match table.get("tolerance") {
@@ -287,51 +247,22 @@ fn method(table: &Table<'_, '_>, faults: &mut Faults) -> Option<Method> {
     })
 }
 
-/// The outputs that this version writes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Output {
-    Volume,
-    Nrrd,
-    Displacement,
-    Views,
-    Slices,
-    Charts,
-    Mesh,
-    Solids,
-    Inverse,
-}
-
-const OUTPUTS: [(&str, Output); 9] = [
-    ("volume", Output::Volume),
-    ("nrrd", Output::Nrrd),
-    ("displacement", Output::Displacement),
-    ("views", Output::Views),
-    ("slices", Output::Slices),
-    ("charts", Output::Charts),
-    ("mesh", Output::Mesh),
-    ("solids", Output::Solids),
-    ("inverse", Output::Inverse),
-];
-
-/// Triangles that a mesh may be brought down to: fewer show no nose, more are those of any CT.
-const TRIANGLES: std::ops::RangeInclusive<i64> = 1000..=100_000_000;
-
 /// What is to be written; none where that is at fault.
 pub(super) fn outputs(plan: &Table<'_, '_>, faults: &mut Faults) -> Option<Outputs> {
     let mut outputs = Outputs::default();
     let Some(value) = plan.get("outputs") else {
         return Some(outputs);
     };
-    let table = faults.table(value, "[outputs]", &["write"])?;
+    let table = faults.table(value, &format::OUTPUTS)?;
     let Some(value) = table.get("write") else {
         return Some(outputs);
     };
     let what = "`outputs.write`";
-    let available = one_of(&OUTPUTS.map(|(word, _)| word), '"');
+    let available = one_of(&OUTPUT_WORDS.map(|(word, _)| word), '"');
     let expected = format!("an array of {available}; without [outputs], only tables are written");
     let mut sound = true;
     for item in faults.array(value, what, &expected)? {
-        let Some(output) = faults.word(item, what, &OUTPUTS) else {
+        let Some(output) = faults.word(item, what, &OUTPUT_WORDS) else {
             sound = false;
             continue;
         };
@@ -373,12 +304,10 @@ pub(super) fn mesh(
                 .hint(hint),
         );
     }
-    let table = faults.table(value, "[mesh]", &["triangles"])?;
+    let table = faults.table(value, &format::MESH)?;
     let triangles = table.get("triangles").and_then(|value| {
-        let (low, high) = TRIANGLES.into_inner();
-        let expected = format!("an integer from {low} to {high}");
-        let within = |triangles| TRIANGLES.contains(&triangles);
-        faults.integer_where(value, "`mesh.triangles`", &expected, within)
+        let expected = format!("an integer {TRIANGLES}");
+        faults.integer_in(value, "`mesh.triangles`", &expected, TRIANGLES)
     });
     Some(MeshSettings {
         triangles: triangles.and_then(|triangles| usize::try_from(triangles).ok()),

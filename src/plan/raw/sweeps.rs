@@ -4,31 +4,14 @@ use std::collections::HashSet;
 
 use super::super::decode::{Faults, Table, Value};
 use super::super::diagnostic::{Code, Fault};
+use super::super::format::{
+    self, AXES, MAX_CANDIDATES, MAX_NAME, MAX_SWEEPS, MAX_VALUES, MAX_VARIED, STEPS, SWEPT_EDITS,
+};
 use super::super::resolved::Swept;
 use super::super::source::{Located, Span};
-use super::candidates::{
-    MAX_CANDIDATES, RawCandidate, RawEdit, RawStage, RawVector, number_of, tables, word_edit,
-};
-use super::{MAX_NAME, name};
+use super::candidates::{RawCandidate, RawEdit, RawStage, RawVector, number_of, tables, word_edit};
+use super::name;
 use crate::feature::Edit;
-
-/// The most sweeps of a plan, numbers varied by one, and values of a number.
-const MAX_SWEEPS: usize = 100;
-const MAX_VARIED: usize = 10;
-const MAX_VALUES: usize = 1000;
-
-/// The edits of which a number can be varied.
-const EDITS: [(&str, &str); 7] = [
-    ("move_tip", "move_tip"),
-    ("move_root", "move_root"),
-    ("project", "project"),
-    ("rotate", "rotate"),
-    ("lengthen", "lengthen"),
-    ("deviate", "deviate"),
-    ("width", "width"),
-];
-
-const AXES: [(&str, usize); 3] = [("x", 0), ("y", 1), ("z", 2)];
 
 /// A number of an edit, and the values that it takes.
 struct Varied {
@@ -39,24 +22,44 @@ struct Varied {
     values: Vec<Located<f64>>,
 }
 
+/// A sweep as it is written, its ranges as lists.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct RawSweep {
+    pub candidate: String,
+    /// What the names begin with.
+    pub name: String,
+    pub vary: Vec<RawVary>,
+}
+
+/// A number that a sweep varies.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct RawVary {
+    pub stage: String,
+    pub edit: &'static str,
+    pub axis: Option<&'static str>,
+    pub values: Vec<f64>,
+}
+
 /// Adds the candidates of every sweep to those that the plan gives.
 pub(super) fn sweeps(
     plan: &Table<'_, '_>,
     candidates: &mut Vec<RawCandidate>,
     faults: &mut Faults,
-) {
+) -> Vec<RawSweep> {
+    let mut sweeps = Vec::new();
     let Some(value) = plan.get("sweep") else {
-        return;
+        return sweeps;
     };
     let given = candidates.clone();
     let mut names: HashSet<String> = given.iter().filter_map(|of| of.name.clone()).collect();
     for item in tables(value, "[[sweep]]", MAX_SWEEPS, faults) {
-        let Some(table) = faults.table(item, "[[sweep]]", &["candidate", "name", "vary"]) else {
+        let Some(table) = faults.table(item, &format::SWEEP) else {
             continue;
         };
-        let Some(swept) = sweep(&table, &given, faults) else {
+        let Some((sweep, swept)) = sweep(&table, &given, faults) else {
             continue;
         };
+        sweeps.push(sweep);
         if candidates.len() + swept.len() > MAX_CANDIDATES {
             let message = "this sweep makes too many candidates";
             let fault = Fault::new(Code::TooMany, table.span, message);
@@ -66,7 +69,7 @@ pub(super) fn sweeps(
                     .found(found)
                     .expected(format!("at most {MAX_CANDIDATES} in a plan")),
             );
-            return;
+            return sweeps;
         }
         for candidate in swept {
             let name = candidate.name.clone().unwrap_or_default();
@@ -82,6 +85,7 @@ pub(super) fn sweeps(
             break;
         }
     }
+    sweeps
 }
 
 /// The candidates of a sweep; none after a fault.
@@ -89,20 +93,24 @@ fn sweep(
     table: &Table<'_, '_>,
     given: &[RawCandidate],
     faults: &mut Faults,
-) -> Option<Vec<RawCandidate>> {
-    let prefix = match table.get("name") {
-        Some(_) => Some(name(table, "`sweep.name`", faults)?),
-        None => None,
+) -> Option<(RawSweep, Vec<RawCandidate>)> {
+    // Faults do not hide each other.
+    let prefix = table
+        .get("name")
+        .map(|_| name(table, "`sweep.name`", faults));
+    let base = match table.get("candidate") {
+        None => {
+            let expected = "the name of the candidate that is varied";
+            faults.missing(table, "candidate", expected);
+            None
+        }
+        Some(value) => {
+            let known = given
+                .iter()
+                .filter_map(|of| Some((of.name.as_deref()?, of)));
+            faults.word(value, "`sweep.candidate`", &known.collect::<Vec<_>>())
+        }
     };
-    let expected = "the name of the candidate that is varied";
-    let Some(value) = table.get("candidate") else {
-        faults.missing(table, "candidate", expected);
-        return None;
-    };
-    let known = given
-        .iter()
-        .filter_map(|of| Some((of.name.as_deref()?, of)));
-    let base = faults.word(value, "`sweep.candidate`", &known.collect::<Vec<_>>())?;
     let expected = "at least one [[sweep.vary]] below each [[sweep]]";
     let Some(vary) = table.get("vary") else {
         faults.missing(table, "vary", expected);
@@ -118,6 +126,11 @@ fn sweep(
         .map(|item| varied(item, base, faults))
         .collect();
     let varied = varied.into_iter().collect::<Option<Vec<Varied>>>()?;
+    let base = base?;
+    let prefix = match prefix {
+        None => None,
+        Some(prefix) => Some(prefix?),
+    };
     for (at, one) in varied.iter().enumerate() {
         let same = |other: &&Varied| {
             (other.stage, other.edit, other.axis) == (one.stage, one.edit, one.axis)
@@ -163,64 +176,105 @@ fn sweep(
         faults.push(fault.expected(format!("at most {MAX_NAME} characters")));
         return None;
     }
-    Some(made)
+    let vary = varied.iter().map(|one| RawVary {
+        stage: stage_name(one, base),
+        edit: one.word,
+        axis: axis_name(one),
+        values: one.values.iter().map(|value| value.value).collect(),
+    });
+    let sweep = RawSweep {
+        candidate: base.name.clone()?,
+        name: prefix,
+        vary: vary.collect(),
+    };
+    Some((sweep, made))
 }
 
-fn varied(item: &Value<'_>, base: &RawCandidate, faults: &mut Faults) -> Option<Varied> {
-    let known = ["stage", "edit", "axis", "values", "from", "to", "steps"];
-    let table = faults.table(item, "[[sweep.vary]]", &known)?;
-    let stages: Vec<(&str, usize)> = base
-        .stages
-        .iter()
-        .enumerate()
-        .filter_map(|(at, stage)| Some((stage.name.as_deref()?, at)))
-        .collect();
+fn stage_name(of: &Varied, base: &RawCandidate) -> String {
+    let stage = base.stages.get(of.stage);
+    stage
+        .and_then(|stage| stage.name.clone())
+        .unwrap_or_default()
+}
+
+fn axis_name(of: &Varied) -> Option<&'static str> {
+    let (name, _) = AXES.get(of.axis?)?;
+    Some(name)
+}
+
+/// What is varied, of the candidate `base` where that is known.
+fn varied(item: &Value<'_>, base: Option<&RawCandidate>, faults: &mut Faults) -> Option<Varied> {
+    let table = faults.table(item, &format::VARY)?;
+    let stage = stage_of(&table, base, faults);
+    let word = word_of(&table, faults);
+    let edit = match (base, stage, word, table.get("edit")) {
+        (Some(base), Some(stage), Some(word), Some(value)) => base
+            .stages
+            .get(stage)
+            .and_then(|stage| the_edit(stage, word, value.span().into(), faults)),
+        _ => None,
+    };
+    let axis = word.and_then(|word| axis_of(&table, word, faults));
+    let values = values(&table, word.unwrap_or_default(), faults);
+    Some(Varied {
+        stage: stage?,
+        edit: edit?,
+        word: word?,
+        axis: axis?,
+        values: values?,
+    })
+}
+
+/// The place of the stage that is named.
+fn stage_of(
+    table: &Table<'_, '_>,
+    base: Option<&RawCandidate>,
+    faults: &mut Faults,
+) -> Option<usize> {
+    let expected = "the name of a stage of the candidate";
     let Some(value) = table.get("stage") else {
-        faults.missing(&table, "stage", "the name of a stage of the candidate");
+        faults.missing(table, "stage", expected);
         return None;
     };
-    let stage = faults.word(value, "`sweep.vary.stage`", &stages)?;
+    let what = "`sweep.vary.stage`";
+    let Some(base) = base else {
+        faults.string(value, what, expected)?;
+        return None;
+    };
+    let stages = base.stages.iter().enumerate();
+    let stages = stages.filter_map(|(at, stage)| Some((stage.name.as_deref()?, at)));
+    faults.word(value, what, &stages.collect::<Vec<_>>())
+}
+
+fn word_of(table: &Table<'_, '_>, faults: &mut Faults) -> Option<&'static str> {
     let Some(value) = table.get("edit") else {
-        faults.missing(
-            &table,
-            "edit",
-            "the name of an edit of the stage, as \"rotate\"",
-        );
+        let expected = "the name of an edit of the stage, as \"rotate\"";
+        faults.missing(table, "edit", expected);
         return None;
     };
-    let word = faults.word(value, "`sweep.vary.edit`", &EDITS)?;
-    let edit = the_edit(base.stages.get(stage)?, word, value.span().into(), faults)?;
+    faults.word(value, "`sweep.vary.edit`", &SWEPT_EDITS)
+}
+
+/// The component that is varied, where the edit is a vector; none after a fault.
+fn axis_of(table: &Table<'_, '_>, word: &str, faults: &mut Faults) -> Option<Option<usize>> {
     let has_axes = matches!(word, "move_tip" | "move_root");
-    let axis = match table.get("axis") {
-        Some(value) if has_axes => Some(faults.word(value, "`sweep.vary.axis`", &AXES)?),
+    match table.get("axis") {
+        Some(value) if has_axes => faults.word(value, "`sweep.vary.axis`", &AXES).map(Some),
         None if has_axes => {
-            faults.missing(
-                &table,
-                "axis",
-                "\"x\", \"y\" or \"z\", the component that is varied",
-            );
-            return None;
+            let expected = "\"x\", \"y\" or \"z\", the component that is varied";
+            faults.missing(table, "axis", expected);
+            None
         }
         Some(_) => {
             let message = format!("`{word}` is one number and has no axes");
             let fault = Fault::new(Code::Conflict, table.key_place("axis"), message);
             let fault = fault.found(format!("`axis` with `edit = \"{word}\"`"));
-            faults.push(
-                fault
-                    .expected("no `axis`")
-                    .hint("remove this key".to_owned()),
-            );
-            return None;
+            let hint = "remove this key".to_owned();
+            faults.push(fault.expected("no `axis`").hint(hint));
+            None
         }
-        None => None,
-    };
-    Some(Varied {
-        stage,
-        edit,
-        word,
-        axis,
-        values: values(&table, word, faults)?,
-    })
+        None => Some(None),
+    }
 }
 
 /// The place of the one edit of this name in a stage.
@@ -280,10 +334,9 @@ fn values(table: &Table<'_, '_>, word: &str, faults: &mut Faults) -> Option<Vec<
         }
         let from = number_of(word, table.get("from")?, "`sweep.vary.from`", faults);
         let to = number_of(word, table.get("to")?, "`sweep.vary.to`", faults);
-        let wanted = format!("a whole number from 2 to {MAX_VALUES}");
-        let fits = |steps: i64| (2..=MAX_VALUES as i64).contains(&steps);
-        let steps =
-            faults.integer_where(table.get("steps")?, "`sweep.vary.steps`", &wanted, fits)?;
+        let wanted = format!("a whole number {STEPS}");
+        let steps = table.get("steps")?;
+        let steps = faults.integer_in(steps, "`sweep.vary.steps`", &wanted, STEPS)?;
         let (from, to) = (from?, to?);
         if from == to {
             faults.bad_value(
@@ -364,11 +417,7 @@ fn made(number: usize, prefix: &str, base: &RawCandidate, varied: &[Varied]) -> 
             .filter(|other| (other.word, other.axis) == (one.word, one.axis))
             .count()
             == 1;
-        let stage = base
-            .stages
-            .get(one.stage)
-            .and_then(|stage| stage.name.clone())
-            .unwrap_or_default();
+        let stage = stage_name(one, base);
         if !alone {
             name.push('-');
             name.push_str(&stage);
@@ -396,8 +445,8 @@ fn made(number: usize, prefix: &str, base: &RawCandidate, varied: &[Varied]) -> 
 
 /// The edit, and the component of it where it has several.
 fn label(of: &Varied) -> String {
-    match of.axis.and_then(|axis| AXES.get(axis)) {
-        Some((axis, _)) => format!("{} {axis}", of.word),
+    match axis_name(of) {
+        Some(axis) => format!("{} {axis}", of.word),
         None => of.word.to_owned(),
     }
 }

@@ -4,6 +4,10 @@ use std::collections::HashSet;
 
 use super::super::decode::{Faults, Table, Value, describe, one_of, quote};
 use super::super::diagnostic::{Code, Fault};
+use super::super::format::{
+    self, AZIMUTH_DEG, CLIPS, CROP_MM, CROPS, ELEVATION_DEG, MAX_CAMERAS, OBJECTS, OFFSET_MM,
+    OPACITIES, PLANES, Range, SIDES, SIZES, VIEW_WORDS,
+};
 use super::super::resolved::{
     Camera, Clip, Crop, CutPlane, DrawnObject, Object, Outputs, STANDARD_VIEWS, Side, Views,
 };
@@ -11,24 +15,12 @@ use super::candidates::{tables, unique};
 use super::name;
 use super::settings::{measured, note_twice};
 
-/// Sides of a picture, pixels: smaller ones show no nose, larger ones fill the memory.
-const SIZES: std::ops::RangeInclusive<i64> = 256..=4096;
-/// The most cameras beside the standard ones.
-const MAX_CAMERAS: usize = 16;
-/// Sides of the square that a picture shows, mm.
-const CROP_MM: std::ops::RangeInclusive<f64> = 20.0..=1000.0;
-/// The largest distance from the tip to a cut, mm.
-const MAX_OFFSET_MM: f64 = 500.0;
-
 /// What pictures show; none where there are none. `outputs` is none where it is at fault.
 pub(super) fn views(
     plan: &Table<'_, '_>,
     outputs: Option<Outputs>,
     faults: &mut Faults,
 ) -> Option<Views> {
-    let known = [
-        "names", "size", "objects", "opacity", "crop", "clip", "camera",
-    ];
     let Some(value) = plan.get("views") else {
         let asked = outputs.is_some_and(|outputs| outputs.views);
         return asked.then(Views::default);
@@ -44,7 +36,7 @@ pub(super) fn views(
                 .hint(hint),
         );
     }
-    let table = faults.table(value, "[views]", &known)?;
+    let table = faults.table(value, &format::VIEWS)?;
     let defaults = Views::default();
     let mut cameras = standard(&table, faults);
     cameras.extend(own(&table, faults));
@@ -78,10 +70,9 @@ fn standard(views: &Table<'_, '_>, faults: &mut Faults) -> Vec<Camera> {
     let Some(items) = faults.array(value, what, &expected) else {
         return Vec::new();
     };
-    let words = STANDARD_VIEWS.each_ref().map(|view| (view.name, view));
     let mut cameras: Vec<Camera> = Vec::new();
     for item in items {
-        let Some(view) = faults.word(item, what, &words) else {
+        let Some(view) = faults.word(item, what, &VIEW_WORDS) else {
             continue;
         };
         let is_there = cameras.iter().any(|camera| camera.name == view.name);
@@ -97,12 +88,12 @@ fn own(views: &Table<'_, '_>, faults: &mut Faults) -> Vec<Camera> {
     let Some(value) = views.get("camera") else {
         return Vec::new();
     };
-    let header = "[[views.camera]]";
+    let header = format::CAMERA.name;
     let mut names = HashSet::new();
     tables(value, header, MAX_CAMERAS, faults)
         .iter()
         .filter_map(|item| {
-            let table = faults.table(item, header, &["name", "azimuth", "elevation"])?;
+            let table = faults.table(item, &format::CAMERA)?;
             let mut name = name(&table, "`views.camera.name`", faults);
             let is_standard = |name: &str| STANDARD_VIEWS.iter().any(|view| view.name == name);
             if let Some(taken) = name.take_if(|name| is_standard(&name.value)) {
@@ -113,8 +104,8 @@ fn own(views: &Table<'_, '_>, faults: &mut Faults) -> Vec<Camera> {
                 faults.push(fault.found(shown).expected("another name").hint(hint));
             }
             let name = unique(name, "camera", &mut names, faults);
-            let azimuth = angle(&table, "azimuth", 180.0, faults);
-            let elevation = angle(&table, "elevation", 90.0, faults);
+            let azimuth = angle(&table, "azimuth", AZIMUTH_DEG, faults);
+            let elevation = angle(&table, "elevation", ELEVATION_DEG, faults);
             Some(Camera {
                 name: name?,
                 azimuth_deg: azimuth?,
@@ -124,22 +115,25 @@ fn own(views: &Table<'_, '_>, faults: &mut Faults) -> Vec<Camera> {
         .collect()
 }
 
-/// A required angle of a camera, at most `most` degrees on either side of 0.
-fn angle(camera: &Table<'_, '_>, key: &'static str, most: f64, faults: &mut Faults) -> Option<f64> {
-    let expected = format!("a number of degrees from -{most} to {most}");
+/// A required angle of a camera, degrees.
+fn angle(
+    camera: &Table<'_, '_>,
+    key: &'static str,
+    range: Range,
+    faults: &mut Faults,
+) -> Option<f64> {
+    let expected = format!("a number of degrees {range}");
     let Some(value) = camera.get(key) else {
         faults.missing(camera, key, &expected);
         return None;
     };
     let what = format!("`views.camera.{key}`");
-    faults.number_where(value, &what, &expected, |degrees| degrees.abs() <= most)
+    faults.number_in(value, &what, &expected, range)
 }
 
 fn size_of(value: &Value<'_>, faults: &mut Faults) -> Option<u32> {
-    let (least, most) = SIZES.into_inner();
-    let expected = format!("a whole number of pixels from {least} to {most}");
-    let valid = |size| SIZES.contains(&size);
-    let size = faults.integer_where(value, "`views.size`", &expected, valid)?;
+    let expected = format!("a whole number of pixels {SIZES}");
+    let size = faults.integer_in(value, "`views.size`", &expected, SIZES)?;
     u32::try_from(size).ok()
 }
 
@@ -150,10 +144,9 @@ fn objects(views: &Table<'_, '_>, faults: &mut Faults) -> Vec<DrawnObject> {
     if let Some(value) = views.get("objects") {
         drawn.clear();
         let what = "`views.objects`";
-        let words = [Object::Skin, Object::Bone].map(|object| (object.name(), object));
         let expected = "an array of \"skin\" or \"bone\", each once";
         for item in faults.array(value, what, expected).unwrap_or_default() {
-            let Some(object) = faults.word(item, what, &words) else {
+            let Some(object) = faults.word(item, what, &OBJECTS) else {
                 sound = false;
                 continue;
             };
@@ -167,9 +160,8 @@ fn objects(views: &Table<'_, '_>, faults: &mut Faults) -> Vec<DrawnObject> {
         }
         sound &= !drawn.is_empty();
     }
-    let known = [Object::Skin, Object::Bone].map(Object::name);
     let opacity = views.get("opacity");
-    let opacity = opacity.and_then(|value| faults.table(value, "`views.opacity`", &known));
+    let opacity = opacity.and_then(|value| faults.table(value, &format::OPACITY));
     let Some(opacity) = opacity else {
         return drawn;
     };
@@ -179,9 +171,8 @@ fn objects(views: &Table<'_, '_>, faults: &mut Faults) -> Vec<DrawnObject> {
             continue;
         };
         let what = format!("`views.opacity.{name}`");
-        let expected = "a number above 0, at most 1; 1 lets nothing through";
-        let valid = |opacity: f64| opacity > 0.0 && opacity <= 1.0;
-        let given = faults.number_where(value, &what, expected, valid);
+        let expected = format!("a number {OPACITIES}; 1 lets nothing through");
+        let given = faults.number_in(value, &what, &expected, OPACITIES);
         match drawn.iter_mut().find(|drawn| drawn.object == object) {
             Some(drawn) => drawn.opacity = given.unwrap_or(drawn.opacity),
             // Where the objects are at fault, it is not known which are drawn.
@@ -202,12 +193,7 @@ fn objects(views: &Table<'_, '_>, faults: &mut Faults) -> Vec<DrawnObject> {
 fn crop(views: &Table<'_, '_>, faults: &mut Faults) -> Option<Crop> {
     let value = views.get("crop")?;
     let what = "`views.crop`";
-    let words = [
-        ("face", Crop::Face),
-        ("head", Crop::Head),
-        ("nose", Crop::Nose),
-    ];
-    let names = words.map(|(name, _)| quote(name, '"'));
+    let names = CROPS.map(|(name, _)| quote(name, '"'));
     let forms = format!("{} or {{ mm = … }}", names.join(", "));
     let written = value.get_ref();
     if !written.is_table() {
@@ -216,12 +202,10 @@ fn crop(views: &Table<'_, '_>, faults: &mut Faults) -> Option<Crop> {
             faults.wrong_type(value, what, &forms, Some(hint));
             return None;
         }
-        return faults.word_or(value, what, &words, &forms);
+        return faults.word_or(value, what, &CROPS, &forms);
     }
-    let (least, most) = CROP_MM.into_inner();
-    let expected = format!("a side from {least} to {most} mm");
-    let valid = |side: f64| CROP_MM.contains(&side);
-    let (_, side) = measured(value, what, &["mm"], &expected, valid, faults)?;
+    let expected = format!("a side {CROP_MM} mm");
+    let (_, side) = measured(value, what, &["mm"], &expected, CROP_MM, faults)?;
     Some(Crop::Mm(side))
 }
 
@@ -230,24 +214,21 @@ fn clip(views: &Table<'_, '_>, faults: &mut Faults) -> Option<Clip> {
     let what = "`views.clip`";
     if !value.get_ref().is_table() {
         let forms = "\"nose\" or { plane = …, keep = … }";
-        return faults.word_or(value, what, &[("nose", Clip::Nose)], forms);
+        return faults.word_or(value, what, &CLIPS, forms);
     }
-    let table = faults.table(value, what, &["plane", "offset", "keep"])?;
-    let planes = [CutPlane::Sagittal, CutPlane::Coronal, CutPlane::Axial];
-    let planes = planes.map(|plane| (plane.name(), plane));
+    let table = faults.table(value, &format::CLIP)?;
     let plane = match table.get("plane") {
-        Some(value) => faults.word(value, "`views.clip.plane`", &planes),
+        Some(value) => faults.word(value, "`views.clip.plane`", &PLANES),
         None => {
-            let names = planes.map(|(name, _)| name);
+            let names = PLANES.map(|(name, _)| name);
             faults.missing(&table, "plane", &one_of(&names, '"'));
             None
         }
     };
     let offset_mm = match table.get("offset") {
         Some(value) => {
-            let expected = format!("a number of mm from -{MAX_OFFSET_MM} to {MAX_OFFSET_MM}");
-            let valid = |mm: f64| mm.abs() <= MAX_OFFSET_MM;
-            faults.number_where(value, "`views.clip.offset`", &expected, valid)
+            let expected = format!("a number of mm {OFFSET_MM}");
+            faults.number_in(value, "`views.clip.offset`", &expected, OFFSET_MM)
         }
         None => Some(0.0),
     };
@@ -261,24 +242,15 @@ fn clip(views: &Table<'_, '_>, faults: &mut Faults) -> Option<Clip> {
 
 /// The side of a cut that is drawn; `plane` is none where it is at fault.
 fn keep(clip: &Table<'_, '_>, plane: Option<CutPlane>, faults: &mut Faults) -> Option<Side> {
-    let all = [
-        Side::Left,
-        Side::Right,
-        Side::Anterior,
-        Side::Posterior,
-        Side::Superior,
-        Side::Inferior,
-    ];
     let expected = match plane {
         Some(plane) => one_of(&plane.sides().map(Side::name), '"'),
-        None => one_of(&all.map(Side::name), '"'),
+        None => one_of(&SIDES.map(|(name, _)| name), '"'),
     };
     let Some(value) = clip.get("keep") else {
         faults.missing(clip, "keep", &expected);
         return None;
     };
-    let words = all.map(|side| (side.name(), side));
-    let side = faults.word(value, "`views.clip.keep`", &words)?;
+    let side = faults.word(value, "`views.clip.keep`", &SIDES)?;
     if let Some(plane) = plane
         && !plane.sides().contains(&side)
     {

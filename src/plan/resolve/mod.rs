@@ -85,7 +85,7 @@ fn to_index(point: [f64; 3], frame: Frame, grid: &Grid) -> ContinuousIndex {
 }
 
 /// A point of the plan in grid millimetres.
-fn to_grid(point: [f64; 3], frame: Frame, grid: &Grid) -> GridPoint {
+pub(super) fn to_grid(point: [f64; 3], frame: Frame, grid: &Grid) -> GridPoint {
     match frame {
         Frame::Voxel => grid.index_to_grid(ContinuousIndex::from(point)),
         Frame::Lps => grid.lps_to_grid(LpsPoint::from(point)),
@@ -94,7 +94,7 @@ fn to_grid(point: [f64; 3], frame: Frame, grid: &Grid) -> GridPoint {
 }
 
 /// A position as a plan would write it.
-fn from_grid(point: GridPoint, frame: Frame, grid: &Grid) -> [f64; 3] {
+pub(super) fn from_grid(point: GridPoint, frame: Frame, grid: &Grid) -> [f64; 3] {
     match frame {
         Frame::Voxel => grid.grid_to_index(point).to_array(),
         Frame::Lps => grid.grid_to_lps(point).to_array(),

@@ -2,7 +2,8 @@
 
 use super::super::decode::Faults;
 use super::super::diagnostic::{Code, Fault};
-use super::super::raw::{Frame, MAX_WIDTH, RawCandidate, RawEdit, RawPlan, RawStage, RawVector};
+use super::super::format::WIDTH;
+use super::super::raw::{Frame, RawCandidate, RawEdit, RawPlan, RawStage, RawVector};
 use super::super::resolved::{Candidate, Model, Stage};
 use super::super::source::{Located, Span};
 use super::landmarks::Placed;
@@ -152,10 +153,10 @@ fn stage(
     if target.root != source.root {
         checks.inside(target.root, "root", last(moves_root), faults);
     }
-    if !(MAX_WIDTH.recip()..=MAX_WIDTH).contains(&width) {
+    if !WIDTH.contains(width) {
         let message = "the width factors of this stage multiply to one that is out of range";
         let fault = Fault::new(Code::BadEdit, last(sets_width), message);
-        let expected = format!("a product from {} to {MAX_WIDTH}", MAX_WIDTH.recip());
+        let expected = format!("a product {WIDTH}");
         let product = if (1e-3..1e5).contains(&width) {
             format!("a product of {width:.3}")
         } else {
