@@ -7,6 +7,7 @@ pub mod cli;
 pub mod compare;
 pub mod exec;
 pub mod feature;
+pub mod golden;
 pub mod io;
 pub mod measure;
 pub mod mesh;

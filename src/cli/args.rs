@@ -98,6 +98,40 @@ pub(super) enum Command {
         #[arg(long, value_name = "DIR", default_value = "compare")]
         out: PathBuf,
     },
+    /// Run plans and keep what they give, small, for `verify` to compare with.
+    #[command(after_help = EXIT_CODES)]
+    Bless {
+        /// Plan files.
+        #[arg(required = true, value_name = "PLAN")]
+        plans: Vec<PathBuf>,
+
+        /// The golden folder: it gets a folder for each plan, and golden.toml with the tolerances.
+        #[arg(long, value_name = "DIR")]
+        golden: PathBuf,
+
+        /// The folder for the outputs of the runs, as with `run`; without this they are not kept.
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
+    /// Run plans again and compare what they give with what `bless` kept.
+    #[command(after_help = EXIT_CODES)]
+    Verify {
+        /// Plan files.
+        #[arg(required = true, value_name = "PLAN")]
+        plans: Vec<PathBuf>,
+
+        /// The golden folder.
+        #[arg(long, value_name = "DIR")]
+        golden: PathBuf,
+
+        /// The folder for the outputs of the runs, as with `run`; without this they are not kept.
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+
+        /// The folder for the report, written where something differs: report.md and pictures.
+        #[arg(long, value_name = "DIR", default_value = "golden-report")]
+        report: PathBuf,
+    },
     /// Show grid, orientation, spacing and HU range of a volume; list the series of a folder.
     #[command(after_help = EXIT_CODES)]
     Info {
@@ -146,6 +180,7 @@ Exit codes:
   2   the command line, a plan or its landmarks are wrong, or the outputs cannot be written
   3   the CT, or a finished run that is to be compared, cannot be used
   4   no candidate keeps the limits of its plan; with --strict, one does not
+  5   what a plan gives differs from its golden
   70  a bug of this program";
 
 const SCHEMA_HELP: &str = "\

@@ -343,7 +343,7 @@ fn warn(file: &str, ct: &CtHeader, output: &Output) {
     }
 }
 
-fn refuse(refusal: &Refusal, output: &Output) -> ExitCode {
+pub(super) fn refuse(refusal: &Refusal, output: &Output) -> ExitCode {
     for message in refusal.unplaced() {
         output.error(message);
     }

@@ -5,6 +5,7 @@
 
 mod args;
 mod commands;
+mod golden;
 mod outcomes;
 mod output;
 mod progress;
@@ -17,6 +18,7 @@ use clap::Parser;
 
 use crate::exec::ExitCode;
 use args::{Args, Command};
+use golden::Request;
 use output::Output;
 
 impl From<ExitCode> for process::ExitCode {
@@ -75,6 +77,27 @@ fn dispatch(command: &Command, output: &Output) -> ExitCode {
             (false, how) => commands::run(plans, out, *strict, how, output),
         },
         Command::Compare { folders, out } => commands::compare(folders, out, output),
+        Command::Bless { plans, golden, out } => {
+            let request = Request {
+                plans,
+                golden,
+                out: out.as_deref(),
+            };
+            golden::bless(&request, output)
+        }
+        Command::Verify {
+            plans,
+            golden,
+            out,
+            report,
+        } => {
+            let request = Request {
+                plans,
+                golden,
+                out: out.as_deref(),
+            };
+            golden::verify(&request, report, output)
+        }
         Command::Check { plans } => commands::check(plans, output),
         Command::Info { ct, series } => commands::info(ct, series.as_deref(), output),
         Command::Landmarks { file, ct, series } => {

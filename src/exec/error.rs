@@ -29,20 +29,23 @@ pub enum ExitCode {
     Input = 3,
     /// No candidate keeps the limits of its plan, or with `--strict` not every one.
     NotAccepted = 4,
+    /// What a plan gives differs from its golden.
+    Differs = 5,
     /// A bug of this program.
     Bug = 70,
 }
 
 impl ExitCode {
     /// The one that a process ends with that came to both: a bug outweighs the command line and the plans,
-    /// which outweigh the CTs, which outweigh limits.
+    /// which outweigh the CTs, which outweigh goldens, which outweigh limits.
     pub fn worse(self, other: Self) -> Self {
         let rank = |code| match code {
             Self::Done => 0,
             Self::NotAccepted => 1,
-            Self::Input => 2,
-            Self::Usage => 3,
-            Self::Bug => 4,
+            Self::Differs => 2,
+            Self::Input => 3,
+            Self::Usage => 4,
+            Self::Bug => 5,
         };
         if rank(other) > rank(self) {
             other

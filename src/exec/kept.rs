@@ -169,7 +169,7 @@ pub enum Because {
     New,
     /// Something that it depends on changed.
     Changed {
-        /// What, as in "the CT" or "[morph]".
+        /// What, as in "the CT" or "\[morph\]".
         parts: Vec<String>,
     },
     /// A file of it is gone.
@@ -463,12 +463,15 @@ pub(super) fn read_beside(
     })
 }
 
+/// The stages of a candidate: what is kept of each, or why it is computed.
+pub(super) type StagesOutlook = Vec<Result<Hit<StageNote>, Because>>;
+
 /// What of a run is kept, and why the rest is computed.
 #[derive(Debug)]
 pub(super) struct Outlook {
     pub start: Result<Hit<StageNote>, Because>,
     /// For each candidate that runs, by its place in the plan, its stages.
-    pub candidates: Vec<(usize, Vec<Result<Hit<StageNote>, Because>>)>,
+    pub candidates: Vec<(usize, StagesOutlook)>,
     pub joint: Result<Hit<JointNote>, Because>,
 }
 

@@ -1,7 +1,8 @@
 //! Plans executed: everything is checked first, then computed stage by stage, then put in place at once.
 //!
 //! [`preflight`] turns plan files into [`Ready`] plans or every reason why not. [`run()`] computes one of
-//! them and tells an [`Observer`] how it goes. Neither knows a terminal.
+//! them and tells an [`Observer`] how it goes. [`golden`] holds what they give against what is kept. None of them knows a
+//! terminal.
 
 mod batch;
 mod candidate;
@@ -9,6 +10,7 @@ pub mod comparison;
 pub mod ct;
 pub mod error;
 pub mod events;
+pub mod golden;
 mod kept;
 pub mod landmarks;
 mod meshes;

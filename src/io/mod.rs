@@ -10,6 +10,7 @@ pub mod landmarks;
 pub mod nifti;
 pub mod nrrd;
 pub mod staging;
+pub mod written;
 
 pub use axes::StoredAxes;
 

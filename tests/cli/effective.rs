@@ -270,14 +270,12 @@ fn the_ct_is_pinned_and_a_path_of_the_machine_is_not_told() {
     assert!(ran.err.contains("SHA-256"), "{ran:?}");
 }
 
-/// Two of the plans that ship, on the built-in head.
+/// One of the plans that ship, on the built-in head.
 #[test]
-fn plans_that_ship_run_to_the_same_bytes() {
-    for name in ["two-operations-lee2001-half", "fig8"] {
-        let desk = Desk::new();
-        let plans = Path::new(env!("CARGO_MANIFEST_DIR")).join("plans");
-        let text = fs::read_to_string(plans.join(format!("{name}.toml"))).unwrap();
-        desk.write("plan.toml", text);
-        assert_runs_to_the_same(&desk, "plan.toml");
-    }
+fn a_plan_that_ships_runs_to_the_same_bytes() {
+    let desk = Desk::new();
+    let plans = Path::new(env!("CARGO_MANIFEST_DIR")).join("plans");
+    let text = fs::read_to_string(plans.join("two-operations-lee2001-half.toml")).unwrap();
+    desk.write("plan.toml", text);
+    assert_runs_to_the_same(&desk, "plan.toml");
 }

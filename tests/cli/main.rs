@@ -14,6 +14,7 @@ mod disk;
 mod effective;
 mod exits;
 mod failures;
+mod golden;
 mod head;
 mod killed;
 mod landmarks;

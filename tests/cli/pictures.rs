@@ -105,6 +105,7 @@ fn the_page_lists_every_file_by_its_pattern() {
     ];
     patterns.extend(others.map(|file| format!("<candidate>/<NN>-<stage>/{file}")));
     patterns.extend(["skin.stl", "bone.stl"].map(|file| format!("preoperative/{file}")));
+    patterns.insert(".rhinoplan.kept/".to_owned());
     assert_eq!(listed, patterns.iter().map(String::as_str).collect());
 }
 

@@ -80,6 +80,9 @@ fn reasons(desk: &Desk) -> Vec<String> {
     stages
 }
 
+/// What is changed, into what, what is told of each stage, and how many of each candidate run and are kept.
+type Case<'a> = (&'a str, &'a str, [&'a str; 3], [(u64, u64); 2]);
+
 const UNCHANGED: [&str; 3] = ["move: unchanged", "reduce: unchanged", "rotate: unchanged"];
 
 fn modified(desk: &Desk, name: &str) -> SystemTime {
@@ -142,8 +145,7 @@ fn what_cannot_change_a_stage_does_not() {
 fn a_change_runs_what_depends_on_it_and_gives_the_bytes_of_a_fresh_run() {
     for base in [everything(), lee2001(&plan("good", "ct.nii"))] {
         let has_views = base.contains("views");
-        // What is changed, what of it is told, and what is computed and kept then.
-        let cases: [(&str, &str, [&str; 3], [(u64, u64); 2]); 3] = [
+        let cases: [Case<'_>; 3] = [
             (
                 "rotate = 5",
                 "rotate = 6",

@@ -1,6 +1,6 @@
 //! Golden pictures: what plans draw, held against `golden/pictures/`.
 //!
-//! A picture that differs by more than [`compare::CHANNEL`] and [`compare::SHARE`] allow fails, and is left as
+//! A picture that differs by more than `rhinoplan verify` allows by default fails, and is left as
 //! expected | actual | difference in `target/golden-pictures/`. Where pictures should change, renew them with
 //! `RHINOPLAN_UPDATE_PICTURES=1 cargo test --test golden_pictures`, look at them, and say why in CHANGELOG.md.
 
@@ -10,15 +10,14 @@
     reason = "helpers of tests, which clippy does not take for tests"
 )]
 
-mod compare;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use compare::{compare, side_by_side};
 use image::RgbImage;
 use rhinoplan::exec::events::Silent;
 use rhinoplan::exec::{self, RunOptions};
+use rhinoplan::golden::pictures::{self, PictureDifference};
+use rhinoplan::golden::tolerance::Pictures;
 use rhinoplan::picture::encode_png;
 
 /// Renews the golden pictures where it is set.
@@ -84,6 +83,14 @@ fn golden_name(gallery: &Gallery, picture: &str) -> String {
     format!("{}.{}", plan.to_str().unwrap(), picture.replace('/', "."))
 }
 
+fn compare(expected: &RgbImage, actual: &RgbImage) -> Result<(), PictureDifference> {
+    pictures::compare(expected, actual, &Pictures::default())
+}
+
+fn side_by_side(expected: &RgbImage, actual: &RgbImage) -> RgbImage {
+    pictures::side_by_side(expected, actual, Pictures::default().channel)
+}
+
 fn open(path: &Path) -> RgbImage {
     let bytes = fs::read(path).unwrap_or_else(|error| {
         panic!(
@@ -121,7 +128,8 @@ fn check(gallery: &Gallery) {
                 &expected,
                 &actual,
             );
-            wrong.push(format!("{name}: {difference}; see {}", left.display()));
+            let told = difference.row(name, &Pictures::default()).row();
+            wrong.push(format!("{}; see {}", told.join(", "), left.display()));
         }
     }
     assert!(
@@ -194,12 +202,12 @@ fn a_view_that_moved_by_a_pixel_differs_clearly() {
         let view = open(&golden_folder().join(&name));
         let (width, height) = view.dimensions();
         let moved = RgbImage::from_fn(width, height, |x, y| *view.get_pixel(x.max(1) - 1, y));
-        let Err(compare::Difference::Pixels { off, of, .. }) = compare(&view, &moved) else {
+        let Err(PictureDifference::Pixels { off, of, .. }) = compare(&view, &moved) else {
             panic!("{name}: the shift is not seen");
         };
         println!("{name}: {off} of {of} pixels");
         assert!(
-            off as f64 > 10.0 * compare::SHARE * of as f64,
+            off as f64 > 10.0 * Pictures::default().share * of as f64,
             "{name}: {off} of {of}"
         );
     }

@@ -12,7 +12,7 @@ use crate::volume::{Rescale, SampleType};
 pub(super) const HEADER_LEN: usize = 348;
 
 /// Header and extension flag: where the samples of a single file begin at the earliest.
-pub(super) const FIRST_OFFSET: usize = 352;
+pub(in crate::io) const FIRST_OFFSET: usize = 352;
 
 /// The largest `vox_offset`: beyond it the field, a float, no longer counts every byte.
 const LAST_OFFSET: f32 = 16_777_216.0;

@@ -45,6 +45,7 @@ pub use template::Template;
 pub use write::{GridSlab, SLAB, save_displacement, save_volume};
 
 // What other formats of volumes share.
+pub(super) use header::FIRST_OFFSET;
 pub(super) use samples::NotNumbers;
 pub(super) use source::{Content, LARGEST_RATIO, check_claim};
 pub(super) use write::{row_of, write_rows};

@@ -71,6 +71,11 @@ impl Manifest {
         self
     }
 
+    /// The names alone.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.0.keys().map(String::as_str)
+    }
+
     /// As it is written.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
@@ -131,7 +136,7 @@ fn is_digest(text: &str) -> bool {
 }
 
 /// Whether a name is one that an output can have: below the folder, nothing hidden, no other way to a folder.
-pub(super) fn is_plain(name: &str) -> bool {
+pub fn is_plain(name: &str) -> bool {
     let is_part = |part: &str| {
         let known = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-' || b == b'.';
         !part.is_empty() && !part.starts_with('.') && part.bytes().all(known)

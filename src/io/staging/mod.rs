@@ -30,6 +30,7 @@ use tempfile::TempDir;
 use self::earlier::hidden_folders;
 pub use self::earlier::{Earlier, Found, Lost};
 use self::lock::{Asked, Lock};
+pub use self::manifest::is_plain;
 use self::manifest::{MANIFEST, Manifest, plain_name};
 use self::publish::{Made, Move, carry_out};
 use super::artifact::{ArtifactError, HIDDEN, save};
@@ -44,6 +45,18 @@ const NOW: &str = ".now";
 /// Notes on results, by which a later run tells whether it can keep them: in the output folder once a run is
 /// published, in its hidden folder until then.
 const KEPT: &str = ".rhinoplan.kept";
+
+/// What the last run into a folder put there and is there still: names, `/` between their parts. Without the files
+/// that every run writes.
+pub fn listed(folder: &Path) -> Vec<String> {
+    let manifest = Manifest::read(folder);
+    let names = manifest.names();
+    let is_there = |name: &&str| {
+        let found = folder.join(name).symlink_metadata();
+        found.is_ok_and(|found| found.is_file())
+    };
+    names.filter(is_there).map(str::to_owned).collect()
+}
 
 /// The files of a run that is not finished.
 ///
