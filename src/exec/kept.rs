@@ -19,7 +19,7 @@ use super::run::{Step, stage_folder, stage_folder_name};
 use super::surfaces;
 use crate::compare::SurfaceDifference;
 use crate::feature::{Cage, FeatureLine};
-use crate::io::artifact::{ArtifactError, save};
+use crate::io::artifact::ArtifactError;
 use crate::io::digest::sha256_hex;
 use crate::io::staging::{Earlier, Found, Lost, Staging};
 use crate::morph::audit::{FieldDifference, WarpAudit};
@@ -112,7 +112,14 @@ impl Keys {
         let stages = candidates
             .map(|candidate| Self::of_candidate(plan, candidate, &run))
             .collect::<Result<Vec<_>, _>>()?;
+        let skins = if Skins::are_wanted(plan) {
+            let text = serde_json::to_vec(&nose_of_all(plan))?;
+            Some(blake3::hash(&text).to_hex().to_string())
+        } else {
+            None
+        };
         let mut joint = start.clone();
+        joint.part("the box that skins are compared in", &skins)?;
         let chosen = selected
             .iter()
             .filter_map(|&place| Some((plan.candidates.get(place)?, stages.get(place)?)));
@@ -123,12 +130,6 @@ impl Keys {
         joint.part("titles and names", &(&plan.title, titles))?;
         let stages_of_all: Vec<_> = chosen.map(|(_, keys)| keys).collect();
         joint.part("the candidates", &stages_of_all)?;
-        let skins = if Skins::are_wanted(plan) {
-            let text = serde_json::to_vec(&nose_of_all(plan))?;
-            Some(blake3::hash(&text).to_hex().to_string())
-        } else {
-            None
-        };
         Ok(Self {
             start,
             stages,
@@ -353,7 +354,7 @@ fn beside_of(note: &Path, name: &str, sha256: &str, earlier: &Earlier) -> Option
     notes.find(|bytes| sha256_hex(bytes) == sha256)
 }
 
-/// A note's digest stands in its first line.
+/// The note in a file, as it was sealed.
 fn parse<N: DeserializeOwned>(bytes: &[u8]) -> Option<Note<N>> {
     let (digest, text) = bytes.split_at_checked(64)?;
     let text = text.strip_prefix(b"\n")?;
@@ -401,11 +402,11 @@ impl<N: Serialize> Hit<N> {
         for (beside, sha256) in &self.note.beside {
             if let Some(bytes) = beside_of(&self.name, beside, sha256, earlier) {
                 let name = self.name.with_extension(beside);
-                save(&staging.note(&name)?, &bytes)?;
+                write(staging, &name, &bytes)?;
             }
         }
         let text = serde_json::to_vec(&self.note)?;
-        Ok(write(staging, &self.name, &text)?)
+        Ok(write(staging, &self.name, &sealed(&text))?)
     }
 }
 
@@ -421,8 +422,7 @@ pub(super) fn note<N: Serialize>(
 ) -> Result<(), RunError> {
     let mut listed = Vec::new();
     for (kind, bytes) in beside {
-        let saved = staging.note(&kind.of(name)).map(|path| save(&path, bytes));
-        if !matches!(saved, Ok(Ok(()))) {
+        if write(staging, &kind.of(name), bytes).is_err() {
             return Ok(());
         }
         listed.push((kind.ending().to_owned(), sha256_hex(bytes)));
@@ -434,16 +434,29 @@ pub(super) fn note<N: Serialize>(
         beside: listed,
     };
     let text = serde_json::to_vec(&note)?;
-    let _ = write(staging, name, &text);
+    let _ = write(staging, name, &sealed(&text));
     Ok(())
 }
 
-/// A note's digest stands in its first line.
-fn write(staging: &Staging, name: &Path, text: &[u8]) -> Result<(), ArtifactError> {
+/// A note as a file: its digest in the first line.
+fn sealed(text: &[u8]) -> Vec<u8> {
     let mut bytes = blake3::hash(text).to_hex().as_bytes().to_vec();
     bytes.push(b'\n');
     bytes.extend(text);
-    save(&staging.note(name)?, &bytes)
+    bytes
+}
+
+/// The disk is not waited for, as it is for results: a note that is cut short is no note.
+fn write(staging: &Staging, name: &Path, bytes: &[u8]) -> Result<(), ArtifactError> {
+    let path = staging.note(name)?;
+    fs::write(&path, bytes).map_err(|source| {
+        let action = "write";
+        ArtifactError {
+            path,
+            action,
+            source,
+        }
+    })
 }
 
 /// What this run has beside a note, computed or kept.
