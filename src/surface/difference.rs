@@ -72,12 +72,10 @@ impl SeenSkin {
     }
 
     fn seen(surface: &SemiBoundary, mask: &Mask, region: Region) -> Vec<bool> {
-        let [_, ny, nz] = surface.grid().dims();
         let inside = |at: [usize; 3]| {
             (0..3).all(|axis| region.first[axis] <= at[axis] && at[axis] <= region.last[axis])
         };
-        let rows = (0..ny * nz).into_par_iter().map(|row| {
-            let (y, z) = (row % ny, row / ny);
+        let rows = rows_with_voxels(surface).into_par_iter().map(|[y, z]| {
             let voxels = surface.row(y, z).iter();
             let seen = voxels.map(|&voxel| {
                 inside([voxel.x(), y, z])
@@ -92,11 +90,10 @@ impl SeenSkin {
     /// Of every voxel that is compared its place, the distance to `to`, mm, and its area, mm²; all that moved, or
     /// are not where `to` is.
     fn distances(&self, to: &SemiBoundary) -> Vec<(usize, f64, f64)> {
-        let [_, ny, nz] = self.surface.grid().dims();
         let spacing = self.surface.grid().spacing();
         let distance = SurfaceDistance::new(to, REACH_MM);
-        let rows = (0..ny * nz).into_par_iter().map(|row| {
-            let (y, z) = (row % ny, row / ny);
+        let rows = rows_with_voxels(&self.surface);
+        let rows = rows.into_par_iter().map(|[y, z]| {
             let there = to.row(y, z);
             let places = self.surface.row_range(y, z);
             let voxels = places.zip(self.surface.row(y, z));
@@ -117,6 +114,14 @@ impl SeenSkin {
         });
         rows.collect::<Vec<_>>().concat()
     }
+}
+
+/// The rows, y and z, that have voxels: a skin that is held only around the nose has few.
+fn rows_with_voxels(surface: &SemiBoundary) -> Vec<[usize; 2]> {
+    let [_, ny, nz] = surface.grid().dims();
+    let rows = (0..ny * nz).map(|row| [row % ny, row / ny]);
+    rows.filter(|[y, z]| !surface.row_range(*y, *z).is_empty())
+        .collect()
 }
 
 /// How far two skins of one grid are apart where at least one of them moved by more than [`MOVED_MM`], in both

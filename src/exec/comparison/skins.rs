@@ -107,8 +107,13 @@ pub(in crate::exec) fn differences(skins: &[(&str, &SeenSkin)]) -> Vec<SurfaceDi
 impl Finder {
     fn surface<T: Sample>(&self, volume: &Volume<T>) -> Result<(SemiBoundary, Mask), RunError> {
         let mask = segment(volume, self.skin_hu, self.largest)?;
-        let whole = Region::whole(volume.grid());
-        let surface = semi_boundary(volume, &mask, self.skin_hu, whole)?;
+        // A voxel around what is kept, so that nothing of it is cut open.
+        let mut around = self.kept;
+        for (axis, last) in volume.grid().dims().iter().map(|n| n - 1).enumerate() {
+            around.first[axis] = around.first[axis].saturating_sub(1);
+            around.last[axis] = (around.last[axis] + 1).min(last);
+        }
+        let surface = semi_boundary(volume, &mask, self.skin_hu, around)?;
         Ok((surface.only_in(self.kept), mask))
     }
 }
