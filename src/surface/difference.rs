@@ -97,6 +97,7 @@ impl SeenSkin {
             let there = to.row(y, z);
             let places = self.surface.row_range(y, z);
             let voxels = places.zip(self.surface.row(y, z));
+            let mut facing = distance.facing_in_order();
             let compared = voxels.filter_map(|(place, &voxel)| {
                 if !*self.seen.get(place)? {
                     return None;
@@ -105,7 +106,7 @@ impl SeenSkin {
                     0.0
                 } else {
                     let point = self.surface.surface_point(voxel, y, z);
-                    distance.facing(point, voxel.normal().as_dvec3())?.abs()
+                    facing(point, voxel.normal().as_dvec3())?.abs()
                 };
                 let counts = *self.moved.get(place)? || mm > MOVED_MM;
                 counts.then(|| (place, mm, area(voxel, spacing)))

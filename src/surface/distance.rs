@@ -34,6 +34,21 @@ impl<'a> SurfaceDistance<'a> {
         }
     }
 
+    /// [`SurfaceDistance::facing`] for point after point, each near the one before: what was nearest to that one is
+    /// where the search begins.
+    pub(super) fn facing_in_order(&self) -> impl FnMut(GridPoint, DVec3) -> Option<f64> {
+        let mut last: Option<Nearest> = None;
+        move |point, normal| {
+            let guess = last.filter(|last| last.normal.dot(normal) > 0.0);
+            let guess = guess.map(|last| Nearest {
+                squared: (last.point - point.0).length_squared(),
+                ..last
+            });
+            last = self.nearest(point.0, Some(normal), guess);
+            last.as_ref().map(|nearest| self.sign(point.0, nearest))
+        }
+    }
+
     /// How far a point lies outside (positive) or inside the surface, mm; `None` where the surface is
     /// further than the reach.
     ///

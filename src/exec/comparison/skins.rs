@@ -4,6 +4,7 @@
 //! measured and written, not enhanced for pictures.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::compare::SurfaceDifference;
 use crate::exec::error::RunError;
@@ -88,20 +89,25 @@ impl Skins {
 
 /// How far the skins of every two candidates are apart, in the order of the plan.
 pub(in crate::exec) fn differences(skins: &[(&str, &SeenSkin)]) -> Vec<SurfaceDifference> {
-    let mut differences = Vec::new();
-    for (place, (one, skin)) in skins.iter().enumerate() {
-        for (other, other_skin) in skins.iter().skip(place + 1) {
+    let pairs = skins.iter().enumerate();
+    let pairs = pairs.flat_map(|(place, one)| {
+        let others = skins.iter().skip(place + 1);
+        others.map(move |other| (one, other))
+    });
+    let pairs: Vec<_> = pairs.collect();
+    let differences = pairs
+        .into_par_iter()
+        .map(|((one, skin), (other, other_skin))| {
             let found = skin_difference(skin, other_skin);
-            differences.push(SurfaceDifference {
+            SurfaceDifference {
                 candidates: [*one, *other].map(str::to_owned),
                 mean_mm: found.mean_mm,
                 p95_mm: found.p95_mm,
                 max_mm: found.max_mm,
                 area_mm2: found.area_mm2,
-            });
-        }
-    }
-    differences
+            }
+        });
+    differences.collect()
 }
 
 impl Finder {
