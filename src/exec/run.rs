@@ -190,7 +190,7 @@ pub fn run(
             input.ct.volume.grid(),
             snap_record(plan, &input.found, input.ct.volume.grid()),
         ),
-        part: options.part.as_ref().map(Part::record),
+        part: options.part.as_ref().map(|part| part.record(plan)),
         warnings: of_input,
         candidates: computed.candidates,
         failed: computed.failed,
