@@ -396,13 +396,14 @@ impl SweepPlot<'_> {
         let [low, high] = [low, high].map(|end| label(end, step.min(0.1)));
         let [low, high] = [low, high].map(|text| trimmed(&text));
         svg.text([x, y], &low, style(Anchor::Start));
-        x += width(&low, LEGEND_SIZE) + 8.0;
+        // On whole pixels: neighbours would show seams.
+        x = (x + width(&low, LEGEND_SIZE) + 8.0).round();
         let [wide, high_px] = SCALE;
         let one = wide / SCALE_STEPS as f64;
         for step in 0..SCALE_STEPS {
             let colour = sequence((step as f64 + 0.5) / SCALE_STEPS as f64);
             let left = x + step as f64 * one;
-            svg.rect([left, y - 11.0], [one + 0.25, high_px], colour);
+            svg.rect([left, y - 11.0], [one, high_px], colour);
         }
         svg.text([x + wide + 8.0, y], &high, style(Anchor::Start));
         let x = x + wide + 8.0 + width(&high, LEGEND_SIZE) + 24.0;

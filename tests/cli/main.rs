@@ -30,4 +30,5 @@ mod same;
 mod schema;
 mod skin;
 mod snap;
+mod sweep;
 mod volumes;

@@ -156,6 +156,8 @@ pub struct CompareReport {
     /// The files that were written.
     #[serde(serialize_with = "shown")]
     pub files: Vec<PathBuf>,
+    /// What the user should know of the folder; not part of the comparison.
+    pub warnings: Vec<String>,
     /// What `compare.json` holds.
     pub comparison: ComparisonRecord,
 }
@@ -202,6 +204,7 @@ pub fn compare(folders: &[PathBuf], out: &Path) -> Result<CompareReport, Compare
         written.push(path);
     }
     Ok(CompareReport {
+        warnings: left_over(out, &written),
         files: written,
         comparison,
     })
@@ -231,4 +234,31 @@ fn plot_files(comparison: &ComparisonRecord) -> Result<Vec<(String, Vec<u8>)>, R
         files.push((format!("{name}.png"), png));
     }
     Ok(files)
+}
+
+/// What an earlier comparison seems to have left in the folder, where this one has no such file. It may be anyone's, so
+/// it is left.
+fn left_over(out: &Path, written: &[PathBuf]) -> Vec<String> {
+    let Ok(entries) = fs::read_dir(out) else {
+        return Vec::new();
+    };
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut left: Vec<PathBuf> = paths
+        .filter(|path| {
+            let name = path.file_name().map(|name| name.to_string_lossy());
+            let name = name.unwrap_or_default();
+            let of_sweeps = name == "sweep.csv"
+                || name.starts_with("sweep") && (name.ends_with(".svg") || name.ends_with(".png"));
+            of_sweeps && !written.contains(path)
+        })
+        .collect();
+    left.sort();
+    left.iter()
+        .map(|path| {
+            format!(
+                "`{}` is not of this comparison; it was left",
+                path.display()
+            )
+        })
+        .collect()
 }

@@ -120,7 +120,7 @@ impl SweepPlots<'_> {
                         of.change(measure).map_or(f64::NAN, |change| change.value)
                     }),
                     allowed: accept.and_then(|accept| accept.range(measure, before(measure)?)),
-                    limits: limits.join("; "),
+                    limits: limits.join("; ").replace('-', "−"),
                     least_span,
                 }
             })
