@@ -132,7 +132,7 @@ fn a_sweep_has_a_table_and_a_plot() {
     );
 
     // With limits it is drawn again, though nothing else is computed.
-    let limits = "[accept]\nvolume_total = { change_percent = [-3, 0] }\n";
+    let limits = "[accept]\nvolume_total = { change_percent = [-50, 0] }\n";
     desk.write("plan.toml", swept(&[SWEEP, CHARTS, limits].concat()));
     let ran = desk.run(&["run", "plan.toml", "--json"]).expect(0);
     let document = ran.document();
@@ -140,7 +140,7 @@ fn a_sweep_has_a_table_and_a_plot() {
     assert_eq!(outcomes.len(), 7);
     assert!(outcomes.iter().all(|of| of["computed"] == 0), "{document}");
     let svg = text(&desk, "out/swept/sweep.svg");
-    assert!(svg.contains("allowed: change −3 to 0 %"), "{svg}");
+    assert!(svg.contains("allowed: change −50 to 0 %"), "{svg}");
     assert!(text(&desk, "out/swept/sweep.csv").contains(",yes,"));
     // The same bytes, computed anew.
     let before = desk.results("out/swept");

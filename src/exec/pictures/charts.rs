@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use super::{PicturesError, write_drawing};
-use crate::exec::comparison::sweep_plots;
 use crate::exec::error::RunError;
 use crate::io::staging::Staging;
 use crate::measure::{MeasureError, NoseGeometry, skin_profile};
@@ -45,7 +44,7 @@ struct Drawn<'a> {
 }
 
 /// Writes `profile` and `volumes`, each as SVG and PNG: in each candidate's folder those of its stages, and
-/// for the whole plan those of every candidate's last stage, and the plots of its sweeps.
+/// for the whole plan those of every candidate's last stage.
 pub(in crate::exec) fn write_charts(
     staging: &Staging,
     plan: &Plan,
@@ -84,13 +83,7 @@ pub(in crate::exec) fn write_charts(
         }));
     }
     let title = plan.title.as_deref().unwrap_or(&plan.name);
-    write(staging, Path::new(""), plan, grid, title, &last)?;
-    let records: Vec<&CandidateRecord> = candidates.iter().map(|of| of.record).collect();
-    for (name, svg) in sweep_plots(plan, &records).map_err(PicturesError::from)? {
-        // Names have no dot.
-        write_drawing(staging, Path::new(&name), &svg)?;
-    }
-    Ok(())
+    write(staging, Path::new(""), plan, grid, title, &last)
 }
 
 fn write(

@@ -69,7 +69,7 @@ fn write_bytes(staging: &Staging, name: &Path, bytes: &[u8]) -> Result<(), RunEr
 }
 
 /// Writes a drawing as SVG, and as PNG beside it.
-fn write_drawing(staging: &Staging, name: &Path, svg: &str) -> Result<(), RunError> {
+pub(super) fn write_drawing(staging: &Staging, name: &Path, svg: &str) -> Result<(), RunError> {
     write_bytes(staging, &name.with_extension("svg"), svg.as_bytes())?;
     write_bytes(staging, &name.with_extension("png"), &png_of(svg)?)
 }
