@@ -197,7 +197,7 @@ pub(super) fn compare(folders: &[PathBuf], out: &Path, output: &Output) -> ExitC
             return error.exit_code();
         }
     };
-    for warning in &report.comparison.warnings {
+    for warning in report.comparison.warnings.iter().chain(&report.warnings) {
         output.warning(warning);
     }
     let candidates = count(report.comparison.candidates.len(), "candidate");

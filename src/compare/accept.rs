@@ -1,12 +1,12 @@
 //! The limits that a plan sets to its candidates, and whether they keep them.
 
-use serde::Serialize;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::change::Change;
-use super::measure::Measure;
+use super::measure::{Measure, measure};
 
 /// The limits of a plan, all of which a candidate must keep to be accepted.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Accept {
     /// At least one, in the order of [`super::MEASURES`].
@@ -14,7 +14,7 @@ pub struct Accept {
 }
 
 /// What of a measure is limited.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
     /// The measure after the last stage.
@@ -26,10 +26,10 @@ pub enum Quantity {
 }
 
 /// One limit; the ends belong to what is allowed.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
     /// The measure's name.
-    #[serde(serialize_with = "name")]
+    #[serde(serialize_with = "name", deserialize_with = "named")]
     pub measure: &'static Measure,
     /// What of it is limited.
     pub of: Quantity,
@@ -41,6 +41,12 @@ pub struct Limit {
 
 fn name<S: serde::Serializer>(measure: &&'static Measure, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_str(measure.name)
+}
+
+fn named<'de, D: Deserializer<'de>>(from: D) -> Result<&'static Measure, D::Error> {
+    let given = String::deserialize(from)?;
+    let unknown = || serde::de::Error::custom(format!("`{given}` is no measure"));
+    measure(&given).ok_or_else(unknown)
 }
 
 /// Whether a candidate is accepted.
@@ -86,7 +92,53 @@ impl Accept {
     }
 }
 
+impl Accept {
+    /// The limits of a measure.
+    pub fn of<'a>(&'a self, measure: &'a str) -> impl Iterator<Item = &'a Limit> {
+        self.limits
+            .iter()
+            .filter(move |limit| limit.measure.name == measure)
+    }
+
+    /// The values of a measure that keep all limits of it, from the least to the most, infinite where there is no end:
+    /// of a nose where it was `before` before the first stage. None where it has no limit, or no value keeps all.
+    pub fn range(&self, measure: &str, before: f64) -> Option<[f64; 2]> {
+        let ranges = self.of(measure).map(|limit| limit.range(before));
+        let both = |a: Option<[f64; 2]>, b: Option<[f64; 2]>| {
+            let ([a, b], [c, d]) = (a?, b?);
+            Some([a.max(c), b.min(d)])
+        };
+        let range = ranges.reduce(both)??;
+        (range[0] <= range[1]).then_some(range)
+    }
+}
+
 impl Limit {
+    /// What is allowed, as in "70 to 110 deg", and of what, where that is not the value.
+    pub fn shown(&self) -> String {
+        let allowed = self.check(&[]).allowed();
+        match self.of {
+            Quantity::Value => allowed,
+            Quantity::Change | Quantity::ChangePercent => format!("change {allowed}"),
+        }
+    }
+
+    /// The values of the measure that keep the limit; none where a percentage is of nothing.
+    fn range(&self, before: f64) -> Option<[f64; 2]> {
+        let value = |limit: f64| match self.of {
+            Quantity::Value => limit,
+            Quantity::Change => before + limit,
+            Quantity::ChangePercent => before + before * limit / 100.0,
+        };
+        if self.of == Quantity::ChangePercent && !(self.measure.has_percent && before > 0.0) {
+            return None;
+        }
+        Some([
+            self.min.map_or(f64::NEG_INFINITY, value),
+            self.max.map_or(f64::INFINITY, value),
+        ])
+    }
+
     fn check(&self, changes: &[Change]) -> Checked {
         let change = changes
             .iter()
@@ -235,6 +287,32 @@ mod tests {
             assert!(!verdict.accepted);
             assert_eq!(verdict.limits[0].shown(), "not a number");
         }
+    }
+
+    #[test]
+    fn the_range_of_a_measure_is_that_of_all_its_limits() {
+        use Quantity::{Change, ChangePercent, Value};
+        let range = |limits: Vec<Limit>, before| Accept { limits }.range("height", before);
+        let of = |of, min, max| limit("height", of, min, max);
+        let value = of(Value, Some(10.0), Some(19.0));
+        assert_eq!(range(vec![value], 20.0), Some([10.0, 19.0]));
+        let percent = of(ChangePercent, Some(-20.0), None);
+        assert_eq!(range(vec![percent], 20.0), Some([16.0, f64::INFINITY]));
+        assert_eq!(range(vec![value, percent], 20.0), Some([16.0, 19.0]));
+        let change = of(Change, None, Some(-11.0));
+        assert_eq!(range(vec![change], 20.0), Some([f64::NEG_INFINITY, 9.0]));
+        assert_eq!(range(vec![value, change], 20.0), None, "nothing keeps both");
+        assert_eq!(range(vec![percent], 0.0), None);
+        assert_eq!(range(vec![], 20.0), None);
+        assert_eq!(percent.shown(), "change at least -20 %");
+        assert_eq!(value.shown(), "10 to 19 mm");
+        // Written and read back.
+        let accept = Accept {
+            limits: vec![value, percent],
+        };
+        let text = serde_json::to_string(&accept).unwrap();
+        assert_eq!(serde_json::from_str::<Accept>(&text).unwrap(), accept);
+        assert!(serde_json::from_str::<Accept>(&text.replace("height", "hight")).is_err());
     }
 
     #[test]

@@ -6,8 +6,10 @@
 mod accept;
 mod change;
 mod measure;
+mod sweep;
 
 pub use accept::{Accept, Checked, Limit, Quantity, Verdict};
 pub use change::{Change, SurfaceDifference};
 pub(crate) use measure::COUNT;
 pub use measure::{BareNumber, MEASURES, Measure, measure};
+pub use sweep::{Sweep, SweepLine, SweepLines, Swept, SweptCandidate, SweptNumber};

@@ -24,16 +24,21 @@ pub struct Part {
 
 impl Part {
     /// As the record and the folder name it.
-    pub(super) fn record(&self) -> PartRecord {
+    pub(super) fn record(&self, plan: &Plan) -> PartRecord {
+        let places = selected(plan, Some(self)).into_iter();
+        let named =
+            places.filter_map(|place| Some((plan.candidates.get(place)?.name.clone(), place)));
         PartRecord {
             number: self.number,
             of: self.of,
+            candidates: plan.candidates.len(),
+            places: named.collect(),
         }
     }
 
     /// Whether the candidate at a place of the plan is in this part. They are dealt out one by one, so that parts
     /// differ by one candidate at most.
-    fn has(&self, place: usize) -> bool {
+    pub(super) fn has(&self, place: usize) -> bool {
         (self.before + place) % self.of.max(1) as usize + 1 == self.number as usize
     }
 }

@@ -83,6 +83,7 @@ impl<T: Sample> Bench<'_, T> {
                 name: candidate.name.clone(),
                 title: candidate.title.clone(),
                 swept: candidate.swept.clone(),
+                sweep: candidate.sweep.clone(),
                 stages: vec![self.start.clone()],
                 accept: None,
             },

@@ -130,6 +130,12 @@ impl Keys {
         joint.part("titles and names", &(&plan.title, titles))?;
         let stages_of_all: Vec<_> = chosen.map(|(_, keys)| keys).collect();
         joint.part("the candidates", &stages_of_all)?;
+        let swept = plan.candidates.iter().map(|of| (&of.sweep, &of.swept));
+        let swept: Vec<_> = swept.filter(|(sweep, _)| sweep.is_some()).collect();
+        if plan.outputs.charts && !swept.is_empty() {
+            // Plots of sweeps say what was swept and show the limits.
+            joint.part("[[sweep]] and [accept]", &(swept, &plan.accept))?;
+        }
         Ok(Self {
             start,
             stages,

@@ -7,14 +7,15 @@ use serde::{Serialize, Serializer};
 
 use super::batch::{self, Part, selected};
 use super::candidate::{Bench, Finished};
-use super::comparison::{self, Skins, differences};
+use super::comparison::{self, Skins, differences, sweep_plots};
 use super::ct::{self, Ct};
 use super::error::{ExitCode, RunError};
 use super::events::{Event, Observer, Phase, Place, Silent};
 use super::kept::{self, Beside, JointNote, Keys, Outlook, Reasons, StageNote};
 use super::nose::{nose_exists, regions_hold_a_nose, skin_exists};
 use super::pictures::{
-    CandidateProfiles, PREOPERATIVE_FOLDER, PicturesError, write_charts, write_sheets,
+    CandidateProfiles, PREOPERATIVE_FOLDER, PicturesError, write_charts, write_drawing,
+    write_sheets,
 };
 use super::preflight::{Ready, output_folder};
 use super::skin::skin_hu;
@@ -190,7 +191,7 @@ pub fn run(
             input.ct.volume.grid(),
             snap_record(plan, &input.found, input.ct.volume.grid()),
         ),
-        part: options.part.as_ref().map(Part::record),
+        part: options.part.as_ref().map(|part| part.record(plan)),
         warnings: of_input,
         candidates: computed.candidates,
         failed: computed.failed,
@@ -535,7 +536,13 @@ fn finish<T: Sample>(
             .collect();
         let grid = bench.preoperative.grid();
         clock.time(Phase::Charts, None, || {
-            write_charts(staging, plan, grid, &candidates)
+            write_charts(staging, plan, grid, &candidates)?;
+            let records: Vec<&CandidateRecord> = candidates.iter().map(|of| of.record).collect();
+            for (name, svg) in sweep_plots(plan, &records).map_err(PicturesError::from)? {
+                // Names have no dot.
+                write_drawing(staging, Path::new(&name), &svg)?;
+            }
+            Ok::<_, RunError>(())
         })?;
     }
     let mut surface_differences = Vec::new();

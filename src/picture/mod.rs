@@ -17,6 +17,7 @@ mod profile;
 mod sheet;
 mod slice;
 mod svg;
+mod sweep;
 mod text;
 mod ticks;
 
@@ -30,3 +31,4 @@ pub use png::{decode_png, encode_png};
 pub use profile::{ProfilePlot, ProfileStage};
 pub use sheet::{SheetRow, TILE, contact_sheet, strip, tile};
 pub use slice::{Plane, SliceSettings, SliceView, slice};
+pub use sweep::{SweepPanel, SweepPlot, SweepSeries};

@@ -25,10 +25,11 @@ mod source;
 pub use diagnostic::{Code, Diagnostic, Diagnostics};
 pub use effective::Found;
 pub use file::{MAX_PLAN_BYTES, PlanFile, PlanReadError};
+pub(crate) use format::MAX_CANDIDATES;
 pub use resolved::{
     Camera, Candidate, Clip, Crop, CtSource, CutPlane, DEFAULT_BONE_HU, DEFAULT_CAGE_DEPTH_MM,
     DEFAULT_MARGIN_MM, DEFAULT_SKIN_HU, DEFAULT_TOLERANCE, DEFAULT_VIEW_SIZE, DrawnObject, Enhance,
     MeshSettings, Method, Model, Morph, Object, Outputs, Phantom, Plan, STANDARD_VIEWS, Scale,
-    Segment, Side, SkinThreshold, Stage, StandardView, Swept, Tolerance, Views,
+    Segment, Side, SkinThreshold, Stage, StandardView, Tolerance, Views,
 };
 pub use schema::schema;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::compare::Accept;
+use crate::compare::{Accept, Swept};
 use crate::feature::{Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::space::GridPoint;
 
@@ -230,17 +230,8 @@ pub struct Candidate {
     pub stages: Vec<Stage>,
     /// The numbers that a sweep gave it; none of a candidate that the plan gives itself.
     pub swept: Vec<Swept>,
-}
-
-/// A number of an edit that a sweep varies.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Swept {
-    /// The stage's name.
-    pub stage: String,
-    /// The edit's name, and the axis of a vector: `rotate`, `move_tip y`.
-    pub edit: String,
-    /// The value that it has here, in the unit of the plan.
-    pub value: f64,
+    /// The name of that sweep.
+    pub sweep: Option<String>,
 }
 
 /// One step of an operation: f1 as the stage found it, and as it leaves it.

@@ -6,8 +6,9 @@ use std::io::Write;
 use serde::Serialize;
 
 use super::markdown::plain;
-use super::record::Program;
-use crate::compare::{Change, SurfaceDifference};
+use super::record::{FailedRecord, Program};
+use super::sweep;
+use crate::compare::{Accept, Change, SurfaceDifference, Sweep, Swept};
 
 /// The version of this record's layout.
 pub const FORMAT: u32 = 1;
@@ -28,6 +29,12 @@ pub struct ComparisonRecord {
     pub warnings: Vec<String>,
     /// Every candidate, in the order of the runs and their plans.
     pub candidates: Vec<ComparedCandidate>,
+    /// Candidates that could not be computed, and why; not there where all could.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub failed: Vec<FailedRecord>,
+    /// Which candidates are of which sweep; not there where none is of any.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sweeps: Vec<Sweep>,
     /// How far the skins of each two are apart, of candidates of the same run.
     pub surface_differences: Vec<SurfaceDifference>,
 }
@@ -43,6 +50,21 @@ pub struct ComparedRun {
     pub version: String,
     /// SHA-256 of the CT, as in its `run.json`.
     pub ct_sha256: String,
+    /// Which parts of the plan it is, where candidates were shared out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parts: Option<ComparedParts>,
+    /// The limits of the plan, where it sets any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accept: Option<Accept>,
+}
+
+/// The parts of a plan that are compared.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ComparedParts {
+    /// Their numbers, from 1, in order.
+    pub given: Vec<u32>,
+    /// How many parts there are.
+    pub of: u32,
 }
 
 /// A candidate: its last stage beside the nose as it is.
@@ -56,8 +78,29 @@ pub struct ComparedCandidate {
     pub stage: String,
     /// Whether it keeps the limits of its plan, where that sets any.
     pub accepted: Option<bool>,
+    /// The numbers that a sweep gave it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub swept: Vec<Swept>,
+    /// The name of that sweep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<String>,
+    /// How far all stages together moved the tip, grid mm.
+    pub tip_move_mm: [f64; 3],
     /// Every measure, in the order of `measurements.csv`.
     pub measures: Vec<Change>,
+}
+
+impl ComparedCandidate {
+    /// The measure of a name.
+    pub fn change(&self, measure: &str) -> Option<&Change> {
+        self.measures.iter().find(|of| of.measure == measure)
+    }
+
+    /// How far all stages together moved the tip, mm.
+    pub fn tip_distance_mm(&self) -> f64 {
+        let [x, y, z] = self.tip_move_mm;
+        (x * x + y * y + z * z).sqrt()
+    }
 }
 
 /// Writes `compare.csv`: candidate, against, measure, value, unit, before, change, change_percent. Against the
@@ -122,8 +165,11 @@ fn write_markdown(to: &mut String, comparison: &ComparisonRecord) -> fmt::Result
             writeln!(to, "# {title}: comparison\n")?;
             writeln!(
                 to,
-                "Plan `{}`. {} {}.",
-                run.name, program.name, program.version
+                "Plan `{}`{}. {} {}.",
+                run.name,
+                parts(run),
+                program.name,
+                program.version
             )?;
         }
         runs => {
@@ -135,8 +181,9 @@ fn write_markdown(to: &mut String, comparison: &ComparisonRecord) -> fmt::Result
                     .map_or(String::new(), |title| format!(" {}", plain(title)));
                 writeln!(
                     to,
-                    "- `{}`{title} (version {})",
+                    "- `{}`{}{title} (version {})",
                     run.name,
+                    parts(run),
                     plain(&run.version)
                 )?;
             }
@@ -150,6 +197,8 @@ fn write_markdown(to: &mut String, comparison: &ComparisonRecord) -> fmt::Result
     for warning in &comparison.warnings {
         writeln!(to, "\n**Warning:** {warning}.")?;
     }
+    write_failed(to, &comparison.failed)?;
+    sweep::write_markdown(to, comparison)?;
     writeln!(
         to,
         "\n## Measures after the last stage\n\nIn parentheses: the change since before the first stage, absolute \
@@ -160,6 +209,39 @@ fn write_markdown(to: &mut String, comparison: &ComparisonRecord) -> fmt::Result
         write_measures(to, some)?;
     }
     write_differences(to, comparison)
+}
+
+/// Which parts of a plan a run is, as in ", parts 1 and 3 of 3".
+fn parts(run: &ComparedRun) -> String {
+    let Some(ComparedParts { given, of }) = &run.parts else {
+        return String::new();
+    };
+    let noun = if given.len() == 1 { "part" } else { "parts" };
+    format!(", {noun} {} of {of}", listed(given))
+}
+
+/// Numbers as in "1, 2 and 4".
+pub(crate) fn listed(numbers: &[u32]) -> String {
+    let shown: Vec<String> = numbers.iter().map(u32::to_string).collect();
+    match shown.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} and {last}", others.join(", ")),
+        _ => shown.concat(),
+    }
+}
+
+/// What could not be computed.
+fn write_failed(to: &mut String, failed: &[FailedRecord]) -> fmt::Result {
+    if failed.is_empty() {
+        return Ok(());
+    }
+    writeln!(to, "\n## Candidates that could not be computed\n")?;
+    writeln!(to, "| | why |\n|---|---|")?;
+    for FailedRecord { candidate, error } in failed {
+        // A table's row is one line.
+        let error = plain(&error.split_whitespace().collect::<Vec<_>>().join(" "));
+        writeln!(to, "| `{candidate}` | {error} |")?;
+    }
+    Ok(())
 }
 
 /// One table: a row for each measure, a column for each candidate.
@@ -227,14 +309,31 @@ fn write_measures(to: &mut String, candidates: &[ComparedCandidate]) -> fmt::Res
 }
 
 fn write_differences(to: &mut String, comparison: &ComparisonRecord) -> fmt::Result {
+    let joined = comparison.runs.iter().filter(|run| {
+        let parts = run.parts.as_ref();
+        parts.is_some_and(|parts| parts.given.len() > 1)
+    });
+    let joined: Vec<String> = joined.map(|run| format!("`{}`", run.name)).collect();
+    let across = (!joined.is_empty()).then(|| {
+        format!(
+            "Candidates of different parts of {} are not compared here: a part leaves no skin behind.",
+            joined.join(", ")
+        )
+    });
     if comparison.surface_differences.is_empty() {
-        return Ok(());
+        return match across {
+            Some(note) => writeln!(to, "\n## Distance between skins\n\n{note}"),
+            None => Ok(()),
+        };
     }
     writeln!(
         to,
         "\n## Distance between skins\n\nBetween the skins of two candidates after their last stages, where at least one \
          of them moved by more than 0.1 mm; what six views from outside see of the nose and its margin.\n"
     )?;
+    if let Some(note) = across {
+        writeln!(to, "{note}\n")?;
+    }
     writeln!(
         to,
         "| | | mean (mm) | 95th percentile (mm) | largest (mm) | area (mm²) |"
@@ -259,7 +358,7 @@ fn digits(unit: &str) -> usize {
     }
 }
 
-fn number(value: f64, unit: &str) -> String {
+pub(super) fn number(value: f64, unit: &str) -> String {
     let digits = digits(unit);
     // Adding zero turns -0 into 0, but not one that rounding makes.
     let shown = format!("{:.digits$}", value + 0.0);
@@ -284,7 +383,7 @@ fn unsigned_zero(shown: String) -> String {
     }
 }
 
-fn shown_unit(unit: &str) -> &str {
+pub(super) fn shown_unit(unit: &str) -> &str {
     match unit {
         "mm3" => "mm³",
         "deg" => "°",
@@ -302,6 +401,9 @@ mod tests {
             title: None,
             stage: "last".to_owned(),
             accepted: None,
+            swept: Vec::new(),
+            sweep: None,
+            tip_move_mm: [0.0; 3],
             measures: vec![
                 Change::new("height".to_owned(), "mm", before, after),
                 Change::new("tip_x".to_owned(), "voxel", 1.0, 0.999),
@@ -315,6 +417,8 @@ mod tests {
             title: Some("a | b".to_owned()),
             version: "1".to_owned(),
             ct_sha256: String::new(),
+            parts: None,
+            accept: None,
         };
         ComparisonRecord {
             format: FORMAT,
@@ -322,6 +426,8 @@ mod tests {
             runs: vec![run("one")],
             warnings: Vec::new(),
             candidates,
+            failed: Vec::new(),
+            sweeps: Vec::new(),
             surface_differences: vec![SurfaceDifference {
                 candidates: ["a".to_owned(), "b".to_owned()],
                 mean_mm: 0.5,

@@ -8,3 +8,4 @@ pub mod csv;
 pub mod markdown;
 pub mod meshes;
 pub mod record;
+pub mod sweep;

@@ -3,17 +3,17 @@
 //! No date, no duration, no path and nothing of a scan's header text: the same plan on the same CT gives
 //! the same bytes on every machine, and nothing in them names the patient.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::meshes::{MeshesRecord, SolidsRecord};
-use crate::compare::{Accept, SurfaceDifference, Verdict};
+use crate::compare::{Accept, SurfaceDifference, Swept, Verdict};
 use crate::feature::{Cage, Edit, FeatureKind, FeatureLine, Landmarks};
 use crate::measure::{REGION_NAMES, REGIONS};
 use crate::morph::audit::{FieldDifference, WarpAudit};
 use crate::morph::inverse::InverseAudit;
-use crate::plan::{
-    Enhance, MeshSettings, Morph, Outputs, Plan, Segment, SkinThreshold, Swept, Views,
-};
+use crate::plan::{Enhance, MeshSettings, Morph, Outputs, Plan, Segment, SkinThreshold, Views};
 use crate::space::{ContinuousIndex, Grid, GridPoint, GridVector};
 use crate::volume::SampleType;
 
@@ -52,17 +52,20 @@ pub struct RunRecord {
 }
 
 /// A part of the candidates, `--shard` on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PartRecord {
     /// Which, from 1.
     pub number: u32,
     /// How many there are.
     pub of: u32,
+    /// How many candidates the plan has in all parts.
+    pub candidates: usize,
+    /// The candidates of this part by their names, those that failed among them, each with its place in the plan from 0.
+    pub places: BTreeMap<String, usize>,
 }
 
 /// A candidate that could not be computed.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FailedRecord {
     /// Its name.
     pub candidate: String,
@@ -244,6 +247,9 @@ pub struct CandidateRecord {
     /// The numbers that a sweep gave it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub swept: Vec<Swept>,
+    /// The name of that sweep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<String>,
     /// The nose as it is, then each stage.
     pub stages: Vec<StageRecord>,
     /// Whether the last stage keeps the limits of the plan, where it sets any.

@@ -32,4 +32,5 @@ mod same;
 mod schema;
 mod skin;
 mod snap;
+mod sweep;
 mod volumes;

@@ -8,13 +8,20 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use thiserror::Error;
 
-use crate::compare::{Change, SurfaceDifference};
+use super::parts::{Joined, join};
+use super::{find_sweeps, tip_move};
+use crate::compare::{Accept, Change, SurfaceDifference, Swept};
 use crate::exec::error::{ExitCode, RunError};
 use crate::feature::{Landmark, Landmarks};
 use crate::io::artifact::ArtifactError;
 use crate::morph::audit::WarpAudit;
-use crate::report::comparison::{ComparedCandidate, ComparedRun, ComparisonRecord, FORMAT};
-use crate::report::record::{self, Measures, PREOPERATIVE, Program, named_measures};
+use crate::plan::MAX_CANDIDATES;
+use crate::report::comparison::{
+    ComparedCandidate, ComparedParts, ComparedRun, ComparisonRecord, FORMAT,
+};
+use crate::report::record::{
+    self, FailedRecord, Measures, PREOPERATIVE, PartRecord, Program, named_measures,
+};
 use crate::space::GridPoint;
 use crate::text::shown;
 
@@ -29,6 +36,8 @@ pub const MAX_RECORD_BYTES: u64 = 64 << 20;
 const MAX_NAME: usize = 64;
 /// The longest message of what is wrong with a record, characters.
 const MAX_PROBLEM: usize = 300;
+/// The longest reason why a candidate failed that is repeated, characters.
+pub(super) const MAX_ERROR: usize = 1000;
 /// The longest free text, characters: a title of a plan.
 const MAX_TEXT: usize = 200;
 
@@ -70,6 +79,14 @@ pub enum CompareError {
         "there are not two candidates to compare; give the folders of several runs, or of one with several"
     )]
     TooFew,
+    /// Parts of a plan that do not make one run.
+    #[error("the parts of `{plan}` cannot be joined: {problem}")]
+    Parts {
+        /// The plan's name.
+        plan: String,
+        /// Why.
+        problem: String,
+    },
     /// The folder to write into is a run's.
     #[error("`{}` is the folder of a run, which holds its own comparison; choose another with --out", path.display())]
     OfARun {
@@ -89,9 +106,11 @@ impl CompareError {
     pub fn exit_code(&self) -> ExitCode {
         match self {
             Self::NoRun { .. } | Self::Unreadable { .. } | Self::NoRecord { .. } => ExitCode::Input,
-            Self::Twice { .. } | Self::TooFew | Self::OfARun { .. } | Self::Artifact(_) => {
-                ExitCode::Usage
-            }
+            Self::Twice { .. }
+            | Self::TooFew
+            | Self::Parts { .. }
+            | Self::OfARun { .. }
+            | Self::Artifact(_) => ExitCode::Usage,
             Self::Tables(error) => error.exit_code(),
         }
     }
@@ -100,12 +119,18 @@ impl CompareError {
 /// What of a record is compared. What else it holds is not looked at, so that a later version may add to it.
 #[derive(Debug, Clone, Deserialize)]
 pub struct FinishedRun {
-    program: ProgramRead,
+    pub(super) program: ProgramRead,
     inputs: InputsRead,
-    plan: PlanRead,
-    candidates: Vec<CandidateRead>,
+    pub(super) plan: PlanRead,
+    pub(super) part: Option<PartRecord>,
+    pub(super) candidates: Vec<CandidateRead>,
     #[serde(default)]
-    surface_differences: Vec<SurfaceDifference>,
+    pub(super) failed: Vec<FailedRecord>,
+    #[serde(default)]
+    pub(super) surface_differences: Vec<SurfaceDifference>,
+    /// The parts that it was joined from.
+    #[serde(skip)]
+    pub(super) parts: Option<ComparedParts>,
 }
 
 /// Read first: what else a record of another layout holds may mean something else.
@@ -115,12 +140,14 @@ struct Layout {
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct ProgramRead {
-    version: String,
+pub(super) struct ProgramRead {
+    pub version: String,
 }
 
 #[derive(Debug, Clone, Deserialize)]
 struct InputsRead {
+    plan_sha256: String,
+    landmarks_sha256: Option<String>,
     ct: CtRead,
 }
 
@@ -137,11 +164,18 @@ struct GridRead {
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct PlanRead {
-    name: String,
+pub(super) struct PlanRead {
+    pub name: String,
     title: Option<String>,
     landmarks_mm: Landmarks<GridPoint>,
     segment: SegmentRead,
+    outputs: OutputsRead,
+    accept: Option<Accept>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct OutputsRead {
+    charts: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -150,9 +184,12 @@ struct SegmentRead {
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct CandidateRead {
-    name: String,
+pub(super) struct CandidateRead {
+    pub name: String,
     title: Option<String>,
+    #[serde(default)]
+    swept: Vec<Swept>,
+    sweep: Option<String>,
     stages: Vec<StageRead>,
     accept: Option<VerdictRead>,
 }
@@ -170,6 +207,21 @@ struct VerdictRead {
 }
 
 impl FinishedRun {
+    /// What parts of one run have in common.
+    pub(super) fn whole(&self) -> [String; 4] {
+        let InputsRead {
+            plan_sha256,
+            landmarks_sha256,
+            ct,
+        } = &self.inputs;
+        [
+            self.plan.name.clone(),
+            plan_sha256.clone(),
+            landmarks_sha256.clone().unwrap_or_default(),
+            ct.sha256.clone(),
+        ]
+    }
+
     /// Reads the record of the run in `folder`.
     ///
     /// # Errors
@@ -249,6 +301,7 @@ impl FinishedRun {
             self.plan.title.as_deref().unwrap_or_default(),
             "the plan's title",
         )?;
+        text(&self.inputs.plan_sha256, "the SHA-256 of the plan")?;
         let mut names = HashSet::new();
         for candidate in &self.candidates {
             name(&candidate.name, "a candidate's name")?;
@@ -258,6 +311,16 @@ impl FinishedRun {
             )?;
             if !names.insert(candidate.name.as_str()) {
                 return Err(format!("two candidates have the name `{}`", candidate.name));
+            }
+            if let Some(sweep) = &candidate.sweep {
+                name(sweep, "a sweep's name")?;
+            }
+            for swept in &candidate.swept {
+                name(&swept.stage, "a swept stage's name")?;
+                let allowed = |c: char| c.is_ascii_lowercase() || c == '_' || c == ' ';
+                if swept.edit.len() > MAX_NAME || !swept.edit.chars().all(allowed) {
+                    return Err("a swept edit's name is none that a plan can have".to_owned());
+                }
             }
             for stage in &candidate.stages {
                 name(&stage.name, "a stage's name")?;
@@ -278,12 +341,42 @@ impl FinishedRun {
         if !self.surface_differences.iter().all(is_known) {
             return Err("it has the distance between candidates that are not there".to_owned());
         }
-        Ok(())
+        for failed in &self.failed {
+            name(&failed.candidate, "a failed candidate's name")?;
+            if !names.insert(failed.candidate.as_str()) {
+                return Err(format!("candidate `{}` is there twice", failed.candidate));
+            }
+        }
+        self.part
+            .as_ref()
+            .map_or(Ok(()), |part| check_part(part, &names))
     }
 }
 
+/// A part has a place for each of its candidates, and they are in the plan.
+fn check_part(part: &PartRecord, names: &HashSet<&str>) -> Result<(), String> {
+    let numbered = (1..=part.of).contains(&part.number);
+    let placed = part.places.len() == names.len()
+        && part.places.keys().all(|name| names.contains(name.as_str()))
+        && part.places.values().all(|&place| place < part.candidates);
+    if numbered && placed && part.candidates <= MAX_CANDIDATES {
+        Ok(())
+    } else {
+        Err(
+            "it does not say which part of the plan it is, or which candidates are in it"
+                .to_owned(),
+        )
+    }
+}
+
+/// A comparison of finished runs, and whether one that was swept asks for charts.
+pub(super) struct Comparison {
+    pub record: ComparisonRecord,
+    pub charts: bool,
+}
+
 /// The candidates of finished runs, compared.
-pub(super) fn comparison(folders: &[PathBuf]) -> Result<ComparisonRecord, CompareError> {
+pub(super) fn comparison(folders: &[PathBuf]) -> Result<Comparison, CompareError> {
     let mut given: BTreeMap<PathBuf, &PathBuf> = BTreeMap::new();
     let mut runs = Vec::with_capacity(folders.len());
     for folder in folders {
@@ -301,7 +394,14 @@ pub(super) fn comparison(folders: &[PathBuf]) -> Result<ComparisonRecord, Compar
     if candidates < 2 {
         return Err(CompareError::TooFew);
     }
-    Ok(of_runs(&runs))
+    let Joined {
+        runs,
+        warnings: of_parts,
+    } = join(runs)?;
+    let mut record = of_runs(&runs);
+    record.warnings.splice(0..0, of_parts);
+    let charts = runs.iter().any(|run| run.plan.outputs.charts);
+    Ok(Comparison { record, charts })
 }
 
 /// The names of runs: those of their plans, numbered where several have the same.
@@ -320,7 +420,8 @@ fn names(runs: &[FinishedRun]) -> Vec<String> {
 
 fn of_runs(runs: &[FinishedRun]) -> ComparisonRecord {
     let names = names(runs);
-    let mut candidates = Vec::new();
+    let mut candidates: Vec<ComparedCandidate> = Vec::new();
+    let (mut failed, mut sweeps) = (Vec::new(), Vec::new());
     let mut surface_differences = Vec::new();
     for (run, run_name) in runs.iter().zip(&names) {
         // Names of candidates have no slash.
@@ -328,16 +429,27 @@ fn of_runs(runs: &[FinishedRun]) -> ComparisonRecord {
             1 => name.to_owned(),
             _ => format!("{run_name}/{name}"),
         };
+        let begin = candidates.len();
         candidates.extend(run.candidates.iter().filter_map(|candidate| {
             let (first, last) = (candidate.stages.first()?, candidate.stages.last()?);
             let named = |stage: &StageRead| named_measures(&stage.measures, &stage.warp);
+            let moves = candidate.stages.iter().map(|stage| stage.measures.move_mm);
             Some(ComparedCandidate {
                 name: full(&candidate.name),
                 title: candidate.title.clone(),
                 stage: last.name.clone(),
                 accepted: candidate.accept.as_ref().map(|verdict| verdict.accepted),
+                swept: candidate.swept.clone(),
+                sweep: candidate.sweep.clone(),
+                tip_move_mm: tip_move(moves),
                 measures: Change::list(named(first), named(last)),
             })
+        }));
+        let added = candidates.get(begin..).unwrap_or_default();
+        sweeps.extend(find_sweeps(run_name, added));
+        failed.extend(run.failed.iter().map(|of| FailedRecord {
+            candidate: full(&of.candidate),
+            error: shown(&of.error, MAX_ERROR),
         }));
         let pairs = run
             .surface_differences
@@ -353,6 +465,8 @@ fn of_runs(runs: &[FinishedRun]) -> ComparisonRecord {
         title: run.plan.title.clone(),
         version: run.program.version.clone(),
         ct_sha256: run.inputs.ct.sha256.clone(),
+        parts: run.parts.clone(),
+        accept: run.plan.accept.clone(),
     });
     ComparisonRecord {
         format: FORMAT,
@@ -360,6 +474,8 @@ fn of_runs(runs: &[FinishedRun]) -> ComparisonRecord {
         runs: compared.collect(),
         warnings: warnings(runs, &names),
         candidates,
+        failed,
+        sweeps,
         surface_differences,
     }
 }

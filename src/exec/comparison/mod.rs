@@ -1,20 +1,31 @@
 //! Candidates compared: those of one run at its end, and those of several finished runs.
 
 mod finished;
+mod parts;
+mod plots;
 mod skins;
 
+use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
 use super::error::RunError;
-use crate::compare::Change;
+use super::pictures::{PicturesError, png_of};
+use crate::compare::{Change, Sweep};
 use crate::io::artifact::{ArtifactError, save};
+use crate::picture::PictureError;
+use crate::plan::Plan;
 use crate::report::comparison::{
-    ComparedCandidate, ComparedRun, ComparisonRecord, FORMAT, markdown, write_csv,
+    ComparedCandidate, ComparedParts, ComparedRun, ComparisonRecord, FORMAT, markdown, write_csv,
 };
-use crate::report::record::{CandidateRecord, Program, RunRecord};
+use crate::report::record::{CandidateRecord, FailedRecord, Program, RunRecord};
+use crate::report::sweep;
+use crate::space::GridVector;
+use crate::text::shown as shown_text;
+use finished::Comparison;
+use plots::SweepPlots;
 
 pub use finished::{CompareError, FinishedRun, MAX_RECORD_BYTES};
 pub use skins::{MARGIN_MM, MOST_COMPARED};
@@ -28,12 +39,25 @@ pub(super) fn changes(candidate: &CandidateRecord) -> Vec<Change> {
     Change::list(first.named_measures(), last.named_measures())
 }
 
-/// The candidates of a run, compared; none where there is only one.
-pub fn of_run(record: &RunRecord) -> Option<ComparisonRecord> {
-    if record.candidates.len() < 2 {
-        return None;
-    }
-    let candidates = record.candidates.iter().map(|candidate| ComparedCandidate {
+/// How far the stages of a candidate together moved the tip, given what each did.
+fn tip_move(moves: impl Iterator<Item = GridVector>) -> [f64; 3] {
+    moves.fold([0.0; 3], |sum, moved| {
+        let [x, y, z] = moved.to_array();
+        [sum[0] + x, sum[1] + y, sum[2] + z]
+    })
+}
+
+/// The sweeps of a run among its candidates.
+fn find_sweeps(run: &str, candidates: &[ComparedCandidate]) -> Vec<Sweep> {
+    let given = candidates
+        .iter()
+        .map(|of| (of.name.as_str(), of.sweep.as_deref(), &of.swept[..]));
+    Sweep::find(run, given)
+}
+
+fn compared(candidate: &CandidateRecord) -> ComparedCandidate {
+    let moves = candidate.stages.iter().map(|stage| stage.measures.move_mm);
+    ComparedCandidate {
         name: candidate.name.clone(),
         title: candidate.title.clone(),
         stage: candidate
@@ -41,7 +65,49 @@ pub fn of_run(record: &RunRecord) -> Option<ComparisonRecord> {
             .last()
             .map_or(String::new(), |last| last.name.clone()),
         accepted: candidate.accept.as_ref().map(|verdict| verdict.accepted),
+        swept: candidate.swept.clone(),
+        sweep: candidate.sweep.clone(),
+        tip_move_mm: tip_move(moves),
         measures: changes(candidate),
+    }
+}
+
+/// The plots of a run's sweeps, as SVG, with the names of their files without an ending.
+///
+/// # Errors
+/// Those of the drawing.
+pub(super) fn sweep_plots(
+    plan: &Plan,
+    candidates: &[&CandidateRecord],
+) -> Result<Vec<(String, String)>, PictureError> {
+    let candidates: Vec<ComparedCandidate> = candidates.iter().map(|of| compared(of)).collect();
+    let limits = plan
+        .accept
+        .iter()
+        .map(|accept| (plan.name.as_str(), accept));
+    let plots = SweepPlots {
+        title: plan.title.as_deref().unwrap_or(&plan.name),
+        several_runs: false,
+        sweeps: &find_sweeps(&plan.name, &candidates),
+        candidates: &candidates,
+        accept: limits.collect(),
+    };
+    plots.draw()
+}
+
+/// The candidates of a run, compared; none where there is only one.
+pub fn of_run(record: &RunRecord) -> Option<ComparisonRecord> {
+    if record.candidates.len() < 2 {
+        return None;
+    }
+    let candidates: Vec<ComparedCandidate> = record.candidates.iter().map(compared).collect();
+    let failed = record.failed.iter().map(|of| FailedRecord {
+        candidate: of.candidate.clone(),
+        error: shown_text(&of.error, finished::MAX_ERROR),
+    });
+    let parts = record.part.as_ref().map(|part| ComparedParts {
+        given: vec![part.number],
+        of: part.of,
     });
     Some(ComparisonRecord {
         format: FORMAT,
@@ -51,27 +117,37 @@ pub fn of_run(record: &RunRecord) -> Option<ComparisonRecord> {
             title: record.plan.title.clone(),
             version: record.program.version.to_owned(),
             ct_sha256: record.inputs.ct.sha256.clone(),
+            parts,
+            accept: record.plan.accept.clone(),
         }],
         warnings: Vec::new(),
-        candidates: candidates.collect(),
+        sweeps: find_sweeps(&record.plan.name, &candidates),
+        candidates,
+        failed: failed.collect(),
         surface_differences: record.surface_differences.clone(),
     })
 }
 
-/// The files of a comparison, by their names.
+/// The tables of a comparison, by their names: `sweep.csv` where there is a sweep.
 pub(super) fn files(
     comparison: &ComparisonRecord,
-) -> Result<[(&'static str, Vec<u8>); 3], RunError> {
+) -> Result<Vec<(&'static str, Vec<u8>)>, RunError> {
     let mut table = Vec::new();
     write_csv(&mut table, comparison)?;
     let mut json = serde_json::to_vec_pretty(comparison)?;
     json.push(b'\n');
     let text = markdown(comparison).into_bytes();
-    Ok([
+    let mut files = vec![
         ("compare.csv", table),
         ("compare.json", json),
         ("compare.md", text),
-    ])
+    ];
+    if !comparison.sweeps.is_empty() {
+        let mut table = Vec::new();
+        sweep::write_csv(&mut table, comparison)?;
+        files.push(("sweep.csv", table));
+    }
+    Ok(files)
 }
 
 /// A comparison of finished runs, and where it is.
@@ -80,6 +156,8 @@ pub struct CompareReport {
     /// The files that were written.
     #[serde(serialize_with = "shown")]
     pub files: Vec<PathBuf>,
+    /// What the user should know of the folder; not part of the comparison.
+    pub warnings: Vec<String>,
     /// What `compare.json` holds.
     pub comparison: ComparisonRecord,
 }
@@ -90,12 +168,16 @@ fn shown<S: serde::Serializer>(paths: &[PathBuf], to: S) -> Result<S::Ok, S::Err
 }
 
 /// Compares the candidates of finished runs, given by their folders, and writes `compare.csv`, `compare.json` and
-/// `compare.md` into `out`, each whole or not at all. What runs wrote is left alone.
+/// `compare.md` into `out`, and what runs write of sweeps, each whole or not at all. Parts of one plan are one run. What
+/// runs wrote is left alone.
 ///
 /// # Errors
 /// [`CompareError`], where a folder holds no finished run, or the files cannot be written.
 pub fn compare(folders: &[PathBuf], out: &Path) -> Result<CompareReport, CompareError> {
-    let comparison = finished::comparison(folders)?;
+    let Comparison {
+        record: comparison,
+        charts,
+    } = finished::comparison(folders)?;
     if out.join(finished::RECORD).exists() {
         return Err(CompareError::OfARun {
             path: out.to_owned(),
@@ -107,14 +189,76 @@ pub fn compare(folders: &[PathBuf], out: &Path) -> Result<CompareReport, Compare
         source,
     })?;
     let mut written = Vec::new();
-    let files = files(&comparison).map_err(|error| CompareError::Tables(Box::new(error)))?;
+    let tables = |error: RunError| CompareError::Tables(Box::new(error));
+    let files = files(&comparison).map_err(tables)?;
+    let mut files: Vec<(String, Vec<u8>)> = files
+        .into_iter()
+        .map(|(name, bytes)| (name.to_owned(), bytes))
+        .collect();
+    if charts {
+        files.extend(plot_files(&comparison).map_err(tables)?);
+    }
     for (name, bytes) in files {
         let path = out.join(name);
         save(&path, &bytes)?;
         written.push(path);
     }
     Ok(CompareReport {
+        warnings: left_over(out, &written),
         files: written,
         comparison,
     })
+}
+
+/// The plots of a comparison of finished runs, by the names of their files.
+fn plot_files(comparison: &ComparisonRecord) -> Result<Vec<(String, Vec<u8>)>, RunError> {
+    let runs = &comparison.runs;
+    let title = match runs.as_slice() {
+        [run] => run.title.clone().unwrap_or_else(|| run.name.clone()),
+        runs => format!("comparison of {} runs", runs.len()),
+    };
+    let limits = runs
+        .iter()
+        .filter_map(|run| Some((run.name.as_str(), run.accept.as_ref()?)));
+    let plots = SweepPlots {
+        title: &title,
+        several_runs: runs.len() > 1,
+        candidates: &comparison.candidates,
+        sweeps: &comparison.sweeps,
+        accept: limits.collect::<HashMap<_, _>>(),
+    };
+    let mut files = Vec::new();
+    for (name, svg) in plots.draw().map_err(PicturesError::from)? {
+        let png = png_of(&svg)?;
+        files.push((format!("{name}.svg"), svg.into_bytes()));
+        files.push((format!("{name}.png"), png));
+    }
+    Ok(files)
+}
+
+/// What an earlier comparison seems to have left in the folder, where this one has no such file. It may be anyone's, so
+/// it is left.
+fn left_over(out: &Path, written: &[PathBuf]) -> Vec<String> {
+    let Ok(entries) = fs::read_dir(out) else {
+        return Vec::new();
+    };
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut left: Vec<PathBuf> = paths
+        .filter(|path| {
+            let name = path.file_name().map(|name| name.to_string_lossy());
+            let name = name.unwrap_or_default();
+            let of_sweeps = name == "sweep.csv"
+                || name.starts_with("sweep") && (name.ends_with(".svg") || name.ends_with(".png"));
+            of_sweeps && !written.contains(path)
+        })
+        .collect();
+    left.sort();
+    left.iter()
+        .map(|path| {
+            format!(
+                "`{}` is not of this comparison; it was left",
+                path.display()
+            )
+        })
+        .collect()
 }

@@ -69,14 +69,18 @@ fn write_bytes(staging: &Staging, name: &Path, bytes: &[u8]) -> Result<(), RunEr
 }
 
 /// Writes a drawing as SVG, and as PNG beside it.
-fn write_drawing(staging: &Staging, name: &Path, svg: &str) -> Result<(), RunError> {
+pub(super) fn write_drawing(staging: &Staging, name: &Path, svg: &str) -> Result<(), RunError> {
     write_bytes(staging, &name.with_extension("svg"), svg.as_bytes())?;
-    let picture = rasterize(svg, 1.0).map_err(PicturesError::from)?;
+    write_bytes(staging, &name.with_extension("png"), &png_of(svg)?)
+}
+
+/// A drawing as PNG.
+pub(super) fn png_of(svg: &str) -> Result<Vec<u8>, PicturesError> {
+    let picture = rasterize(svg, 1.0)?;
     let (width, height) = picture.dimensions();
     let opaque = RgbImage::from_fn(width, height, |x, y| {
         let [r, g, b, _] = picture.get_pixel(x, y).0;
         image::Rgb([r, g, b])
     });
-    let png = encode_png(&opaque).map_err(PicturesError::from)?;
-    write_bytes(staging, &name.with_extension("png"), &png)
+    Ok(encode_png(&opaque)?)
 }

@@ -26,7 +26,7 @@ pub(super) const MAX_TITLE: usize = 200;
 /// The longest UID, in characters: the DICOM standard's.
 pub(super) const MAX_UID: usize = 64;
 /// The most candidates, stages of a candidate and edits of a stage: more come from a broken generator.
-pub(super) const MAX_CANDIDATES: usize = 1000;
+pub(crate) const MAX_CANDIDATES: usize = 1000;
 pub(super) const MAX_STAGES: usize = 100;
 pub(super) const MAX_EDITS: usize = 100;
 /// The most sweeps of a plan, numbers that one varies, and values of a number.

@@ -7,9 +7,10 @@ use super::super::diagnostic::{Code, Fault};
 use super::super::format::{
     self, MAX_CANDIDATES, MAX_EDITS, MAX_STAGES, PREOPERATIVE, ROTATION_DEG, WIDTH,
 };
-use super::super::resolved::Swept;
+
 use super::super::source::{Located, Span};
 use super::{POINT, kind, name, title};
+use crate::compare::Swept;
 use crate::feature::{Edit, FeatureKind};
 
 /// A candidate whose name or stages may be wanting.
@@ -20,6 +21,8 @@ pub(in super::super) struct RawCandidate {
     pub stages: Vec<RawStage>,
     /// The numbers that a sweep gave it.
     pub swept: Vec<Swept>,
+    /// The name of that sweep.
+    pub sweep: Option<String>,
 }
 
 /// A stage as written.
@@ -104,6 +107,7 @@ pub(super) fn candidates(plan: &Table<'_, '_>, faults: &mut Faults) -> Vec<RawCa
                 title: title(&table, "`candidate.title`", faults),
                 stages: stages(&table, faults),
                 swept: Vec::new(),
+                sweep: None,
             })
         })
         .collect()

@@ -7,10 +7,10 @@ use super::super::diagnostic::{Code, Fault};
 use super::super::format::{
     self, AXES, MAX_CANDIDATES, MAX_NAME, MAX_SWEEPS, MAX_VALUES, MAX_VARIED, STEPS, SWEPT_EDITS,
 };
-use super::super::resolved::Swept;
 use super::super::source::{Located, Span};
 use super::candidates::{RawCandidate, RawEdit, RawStage, RawVector, number_of, tables, word_edit};
 use super::name;
+use crate::compare::Swept;
 use crate::feature::Edit;
 
 /// A number of an edit, and the values that it takes.
@@ -428,11 +428,18 @@ fn made(number: usize, prefix: &str, base: &RawCandidate, varied: &[Varied]) -> 
             of.replace(['_', ' '], "-"),
             in_name(value.value)
         ));
-        title.push(format!("{of} {}{}", value.value, unit(base, one)));
+        let shown = match unit(base, one) {
+            "voxel" => " voxels",
+            "deg" => "°",
+            "1" => "",
+            _ => " mm",
+        };
+        title.push(format!("{of} {}{shown}", value.value));
         swept.push(Swept {
             stage,
             edit: of,
             value: value.value,
+            unit: unit(base, one),
         });
     }
     RawCandidate {
@@ -440,6 +447,7 @@ fn made(number: usize, prefix: &str, base: &RawCandidate, varied: &[Varied]) -> 
         title: Some(title.join(", ")),
         stages,
         swept,
+        sweep: Some(prefix.to_owned()),
     }
 }
 
@@ -458,11 +466,11 @@ fn unit(base: &RawCandidate, of: &Varied) -> &'static str {
         .and_then(|stage| stage.edits.get(of.edit));
     match edit.and_then(Option::as_ref).map(|edit| edit.value) {
         Some(RawEdit::MoveTip(RawVector::Voxels(_)) | RawEdit::MoveRoot(RawVector::Voxels(_))) => {
-            " voxels"
+            "voxel"
         }
-        Some(RawEdit::Word(Edit::Rotate(_))) => "°",
-        Some(RawEdit::Word(Edit::Width(_))) => "",
-        _ => " mm",
+        Some(RawEdit::Word(Edit::Rotate(_))) => "deg",
+        Some(RawEdit::Word(Edit::Width(_))) => "1",
+        _ => "mm",
     }
 }
 

@@ -110,6 +110,7 @@ fn candidate(
         title: raw.title.clone(),
         stages,
         swept: raw.swept.clone(),
+        sweep: raw.sweep.clone(),
     })
 }
 
