@@ -22,6 +22,7 @@ pub mod preflight;
 pub mod run;
 pub mod skin;
 pub mod skin_landmarks;
+pub mod steps;
 mod surfaces;
 mod timings;
 
@@ -31,4 +32,5 @@ pub use error::{ExitCode, RunError};
 pub use events::{Event, Observer, Phase, Place};
 pub use kept::{Because, NUMERIC_VERSION, Reasons, StageReason};
 pub use preflight::{Ready, Refusal, check_folders, prepare};
-pub use run::{CandidateOutcome, RunOptions, RunReport, Step, reasons, run, steps};
+pub use run::{CandidateOutcome, RunOptions, RunReport, reasons, run};
+pub use steps::{Step, steps};
