@@ -143,7 +143,10 @@ fn what_cannot_change_a_stage_does_not() {
 
 #[test]
 fn a_change_runs_what_depends_on_it_and_gives_the_bytes_of_a_fresh_run() {
-    for base in [everything(), lee2001(&plan("good", "ct.nii"))] {
+    for base in [
+        picture_plan("good", "ct.nii"),
+        lee2001(&plan("good", "ct.nii")),
+    ] {
         let has_views = base.contains("views");
         let cases: [Case<'_>; 3] = [
             (
@@ -292,16 +295,19 @@ fn a_note_that_is_damaged_counts_for_nothing() {
         .filter(|name| name.starts_with(".rhinoplan.kept/"))
         .collect();
     assert!(notes.len() >= 9, "{notes:?}");
-    for name in notes {
+    for (place, name) in notes.into_iter().enumerate() {
         let path = desk.path().join("out/good").join(name);
         let bytes = &before[name];
         let half = bytes.len() / 2;
         let flipped = [&bytes[..half], &[bytes[half] ^ 1], &bytes[half + 1..]].concat();
-        for damaged in [flipped, bytes[..half].to_vec()] {
-            fs::write(&path, damaged).unwrap();
-            desk.run(&["run", "plan.toml"]).expect(0);
-            assert!(desk.results_and_notes("out/good") == before, "{name}");
-        }
+        let damaged = if place % 2 == 0 {
+            flipped
+        } else {
+            bytes[..half].to_vec()
+        };
+        fs::write(&path, damaged).unwrap();
+        desk.run(&["run", "plan.toml"]).expect(0);
+        assert!(desk.results_and_notes("out/good") == before, "{name}");
     }
 }
 
