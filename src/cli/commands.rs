@@ -129,7 +129,8 @@ pub(super) fn dry_run(plans: &[PathBuf], out: &Path, how: &How, output: &Output)
             output_folder(out, plan, options.part.as_ref()).display()
         ));
         let mut listed = Vec::new();
-        for (step, phases) in &steps {
+        // A single candidate is compared with none.
+        for (step, phases) in steps.iter().filter(|(_, phases)| !phases.is_empty()) {
             let because = reasons.of(*step);
             if let Some(because) = because {
                 output.result(&format!("  {}: {because}", describe_step(*step)));

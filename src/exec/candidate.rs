@@ -117,8 +117,7 @@ impl<T: Sample> Bench<'_, T> {
                         None => self.volume_before(candidate, place, clock)?,
                         before => before,
                     };
-                    let computed = self.stage(candidate, place, source, clock)?;
-                    let mut computed = computed;
+                    let mut computed = self.stage(candidate, place, source, clock)?;
                     if is_last {
                         finished.skin = self.skin(&computed.volume, candidate, stage, clock)?;
                         computed.note.skin.clone_from(&self.keys.skins);

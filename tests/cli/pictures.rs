@@ -106,7 +106,7 @@ fn the_page_lists_every_file_by_its_pattern() {
     patterns.extend(others.map(|file| format!("<candidate>/<NN>-<stage>/{file}")));
     patterns.extend(["skin.stl", "bone.stl"].map(|file| format!("preoperative/{file}")));
     // And what sweeps do (tests/cli/sweep.rs), and every run for the next.
-    let of_sweeps = ["sweep.csv", "sweep.svg", "sweep.png", "sweep-<name>"];
+    let of_sweeps = ["sweep.csv", "sweep.svg", "sweep.png"];
     patterns.extend(of_sweeps.map(str::to_owned));
     patterns.insert(".rhinoplan.kept/".to_owned());
     assert_eq!(listed, patterns.iter().map(String::as_str).collect());
