@@ -354,26 +354,18 @@ impl<T: Sample> Bench<'_, T> {
 impl Finished {
     /// Adds a stage to the record.
     fn add(&mut self, stage: &Stage, found: StageNote) {
+        let operation = OperationRecord {
+            kind: stage.kind,
+            edits: stage.edits.clone(),
+            source_mm: stage.source,
+            target_mm: stage.target,
+            width: stage.width,
+        };
+        self.record
+            .stages
+            .push(found.record(&stage.name, Some(operation)));
         self.warnings.extend(found.warnings);
         self.profiles.push(found.profile);
-        self.record.stages.push(StageRecord {
-            name: stage.name.clone(),
-            operation: Some(OperationRecord {
-                kind: stage.kind,
-                edits: stage.edits.clone(),
-                source_mm: stage.source,
-                target_mm: stage.target,
-                width: stage.width,
-            }),
-            measures: found.measures,
-            warp: found.warp,
-            folded: found.folded,
-            adaptive_error: found.adaptive_error,
-            surface_change: found.surface_change,
-            meshes: found.meshes,
-            solids: found.solids,
-            inverse: found.inverse,
-        });
     }
 }
 

@@ -27,7 +27,7 @@ use crate::morph::audit::{FieldDifference, WarpAudit};
 use crate::morph::inverse::InverseAudit;
 use crate::plan::{Candidate, Plan};
 use crate::report::meshes::{MeshesRecord, SolidsRecord};
-use crate::report::record::{CtRecord, Measures, SurfaceChange};
+use crate::report::record::{CtRecord, Measures, OperationRecord, StageRecord, SurfaceChange};
 use crate::space::GridPoint;
 
 /// The version of what this program computes and draws. It goes up with every change of a number or a file, so that
@@ -241,6 +241,22 @@ impl StageNote {
             warnings: Vec::new(),
             profile: None,
             skin: None,
+        }
+    }
+
+    /// The record of the stage.
+    pub(super) fn record(&self, name: &str, operation: Option<OperationRecord>) -> StageRecord {
+        StageRecord {
+            name: name.to_owned(),
+            operation,
+            measures: self.measures,
+            warp: self.warp,
+            folded: self.folded,
+            adaptive_error: self.adaptive_error,
+            surface_change: self.surface_change,
+            meshes: self.meshes,
+            solids: self.solids,
+            inverse: self.inverse,
         }
     }
 }

@@ -32,8 +32,8 @@ use crate::measure::{MeasureError, NoseGeometry, RegionVolumes, Slabs, region_vo
 use crate::picture::{decode_png, encode_png};
 use crate::plan::{Candidate, Found, Plan};
 use crate::report::record::{
-    CandidateRecord, FORMAT, FailedRecord, Inputs, Measures, PlanRecord, Program, RunRecord,
-    SnapRecord, SnappedLandmark, StageRecord,
+    CandidateRecord, FORMAT, FailedRecord, Inputs, Measures, PREOPERATIVE, PlanRecord, Program,
+    RunRecord, SnapRecord, SnappedLandmark,
 };
 use crate::report::{csv, markdown};
 use crate::segment::segment;
@@ -348,8 +348,6 @@ fn compute<T: Sample>(
         let find = || Skins::new(plan, input.skin_hu, preoperative);
         skins = Some(clock.time(Phase::Skins, None, find)?);
     }
-    let mut first = StageRecord::preoperative(start.measures);
-    first.meshes = start.meshes;
     let bench = Bench {
         plan,
         keys: to.keys,
@@ -365,7 +363,7 @@ fn compute<T: Sample>(
         ),
         staging: to.staging,
         preoperative,
-        start: first,
+        start: start.record(PREOPERATIVE, None),
         surfaces,
         skins,
         compares,

@@ -350,22 +350,6 @@ pub struct Measures {
 }
 
 impl StageRecord {
-    /// The nose as it is.
-    pub fn preoperative(measures: Measures) -> Self {
-        Self {
-            name: PREOPERATIVE.to_owned(),
-            operation: None,
-            measures,
-            warp: WarpAudit::IDENTITY,
-            folded: false,
-            adaptive_error: None,
-            surface_change: None,
-            meshes: None,
-            solids: None,
-            inverse: None,
-        }
-    }
-
     /// Every measure by its name in `measurements.csv`, with its unit, in the order of that file.
     pub fn named_measures(&self) -> Vec<(String, f64, &'static str)> {
         named_measures(&self.measures, &self.warp)

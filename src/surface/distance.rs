@@ -34,8 +34,8 @@ impl<'a> SurfaceDistance<'a> {
         }
     }
 
-    /// [`SurfaceDistance::facing`] for point after point, each near the one before: what was nearest to that one is
-    /// where the search begins.
+    /// As [`SurfaceDistance::signed`], to the nearest surface point whose normal is less than 90° from the one given;
+    /// for point after point, each near the one before: what was nearest to that one is where the search begins.
     pub(super) fn facing_in_order(&self) -> impl FnMut(GridPoint, DVec3) -> Option<f64> {
         let mut last: Option<Nearest> = None;
         move |point, normal| {
@@ -56,12 +56,6 @@ impl<'a> SurfaceDistance<'a> {
     /// which knows the surface between voxels; else the distance to the point.
     pub fn signed(&self, point: GridPoint) -> Option<f64> {
         let nearest = self.nearest(point.0, None, None)?;
-        Some(self.sign(point.0, &nearest))
-    }
-
-    /// As [`SurfaceDistance::signed`], to the nearest surface point whose normal is less than 90° from `normal`.
-    pub fn facing(&self, point: GridPoint, normal: DVec3) -> Option<f64> {
-        let nearest = self.nearest(point.0, Some(normal), None)?;
         Some(self.sign(point.0, &nearest))
     }
 
