@@ -19,6 +19,7 @@ pub mod render;
 pub mod report;
 pub mod resample;
 pub mod segment;
+pub mod simd;
 pub mod space;
 pub mod surface;
 mod text;

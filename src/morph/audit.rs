@@ -10,6 +10,7 @@ use super::field::{Field, Scratch};
 use super::tile::{TILE, Tile, tiles_of};
 use super::{LANES, Points};
 use crate::feature::NoseBox;
+use crate::simd::{Kernel, Simd};
 use crate::volume::{Sample, Trilinear, Volume};
 
 /// What a chain of stages does, over every voxel of a lattice.
@@ -33,32 +34,16 @@ impl WarpAudit {
 
     /// Examines `chain` at every voxel of `lattice`, which it must have been made for.
     pub fn new(chain: &Chain, lattice: &Lattice, nose: &NoseBox) -> Self {
+        let simd = Simd::widest();
         tiles_of(chain.support(lattice))
             .into_par_iter()
             .map(|voxels| {
-                let mut found = Self::IDENTITY;
-                let mut determinants = [1.0; LANES];
-                for z in voxels.start[2]..voxels.end[2] {
-                    for y in voxels.start[1]..voxels.end[1] {
-                        let start = [voxels.start[0], y, z];
-                        let targets = Points::row(start);
-                        let mut sources = targets.clone();
-                        chain.to_source_with_jacobian(&mut sources, &mut determinants);
-                        let lanes = voxels.end[0] - voxels.start[0];
-                        for (lane, &determinant) in determinants.iter().take(lanes).enumerate() {
-                            let target = targets.get(lane);
-                            let moved = ((sources.get(lane) - target) * lattice.spacing()).length();
-                            found.jacobian_min = found.jacobian_min.min(determinant);
-                            found.displacement_max_mm = found.displacement_max_mm.max(moved);
-                            if moved > found.displacement_max_outside_mm
-                                && nose.distance(lattice.point_at(target)) > 0.0
-                            {
-                                found.displacement_max_outside_mm = moved;
-                            }
-                        }
-                    }
-                }
-                found
+                simd.run(AuditTile {
+                    chain,
+                    lattice,
+                    nose,
+                    voxels,
+                })
             })
             .reduce(|| Self::IDENTITY, Self::worst)
     }
@@ -106,6 +91,76 @@ impl WarpAudit {
             displacement_max_outside_mm: self
                 .displacement_max_outside_mm
                 .max(other.displacement_max_outside_mm),
+        }
+    }
+}
+
+/// One tile of voxels under a chain.
+struct AuditTile<'a> {
+    chain: &'a Chain,
+    lattice: &'a Lattice,
+    nose: &'a NoseBox,
+    voxels: VoxelBox,
+}
+
+impl Kernel for AuditTile<'_> {
+    type Output = WarpAudit;
+
+    #[inline(always)]
+    fn run(self) -> WarpAudit {
+        let Self {
+            chain,
+            lattice,
+            nose,
+            voxels,
+        } = self;
+        let spacing = lattice.spacing();
+        let first = lattice.point_at(DVec3::ZERO).0;
+        let (lo, hi) = (nose.min.0, nose.max.0);
+        let lanes = voxels.end[0] - voxels.start[0];
+        // The extremes of each lane, distances squared.
+        let mut least = [WarpAudit::IDENTITY.jacobian_min; LANES];
+        let (mut furthest, mut furthest_outside) = ([0.0; LANES], [0.0; LANES]);
+        let mut determinants = [1.0; LANES];
+        for z in voxels.start[2]..voxels.end[2] {
+            for y in voxels.start[1]..voxels.end[1] {
+                let targets = Points::row([voxels.start[0], y, z]);
+                let mut sources = targets.clone();
+                chain.to_source_with_jacobian(&mut sources, &mut determinants);
+                for lane in 0..LANES {
+                    let x = (sources.x[lane] - targets.x[lane]) * spacing.x;
+                    let y = (sources.y[lane] - targets.y[lane]) * spacing.y;
+                    let z = (sources.z[lane] - targets.z[lane]) * spacing.z;
+                    let moved = x * x + y * y + z * z;
+                    let x = first.x + targets.x[lane] * spacing.x;
+                    let y = first.y + targets.y[lane] * spacing.y;
+                    let z = first.z + targets.z[lane] * spacing.z;
+                    let inside = (x >= lo.x)
+                        & (x <= hi.x)
+                        & (y >= lo.y)
+                        & (y <= hi.y)
+                        & (z >= lo.z)
+                        & (z <= hi.z);
+                    // Lanes past the tile's end are no voxels of it.
+                    let counts = lane < lanes;
+                    let determinant = determinants[lane];
+                    if counts & (determinant < least[lane]) {
+                        least[lane] = determinant;
+                    }
+                    if counts & (moved > furthest[lane]) {
+                        furthest[lane] = moved;
+                    }
+                    if counts & !inside & (moved > furthest_outside[lane]) {
+                        furthest_outside[lane] = moved;
+                    }
+                }
+            }
+        }
+        let largest = |of: [f64; LANES]| of.into_iter().fold(0.0, f64::max).sqrt();
+        WarpAudit {
+            jacobian_min: least.into_iter().fold(f64::INFINITY, f64::min),
+            displacement_max_mm: largest(furthest),
+            displacement_max_outside_mm: largest(furthest_outside),
         }
     }
 }

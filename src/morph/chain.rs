@@ -138,7 +138,7 @@ impl Chain {
     }
 
     /// Moves target positions to their sources, in place. The last operation is undone first.
-    #[inline]
+    #[inline(always)]
     pub fn to_source(&self, points: &mut Points) {
         for stage in self.moving().rev() {
             stage.to_source(points);
@@ -147,6 +147,7 @@ impl Chain {
 
     /// As [`Chain::to_source`], and puts the Jacobian determinant of the whole chain at each position into
     /// `determinants`.
+    #[inline(always)]
     pub fn to_source_with_jacobian(&self, points: &mut Points, determinants: &mut [f64; LANES]) {
         determinants.fill(1.0);
         for stage in self.moving().rev() {
@@ -167,7 +168,8 @@ impl Chain {
         let mut to_metric = 0.0;
         let mut smooth = true;
         let mut all = Bounds::IDENTITY;
-        for (place, stage) in self.moving().rev().enumerate() {
+        let mut stages = self.moving().rev().enumerate().peekable();
+        while let Some((place, stage)) = stages.next() {
             if place == 0 {
                 let sides = stage.scale() * side;
                 sides2 = sides.length_squared();
@@ -176,6 +178,10 @@ impl Chain {
             }
             let at = stage.to_units(centre);
             smooth &= stage.is_far(at, radius);
+            let is_last = stages.peek().is_none();
+            if smooth && is_last {
+                break;
+            }
             let bounds = stage.bounds(at, radius);
             // Chain rule: (f∘g)'' = f''(g', g') + f'·g''.
             all = Bounds {
@@ -183,10 +189,12 @@ impl Chain {
                 curvature: bounds.curvature * all.lipschitz * all.lipschitz
                     + bounds.lipschitz * all.curvature,
             };
-            radius *= bounds.lipschitz;
-            let mut points = Points::splat(centre);
-            stage.to_source(&mut points);
-            centre = points.get(0);
+            if !is_last {
+                radius *= bounds.lipschitz;
+                let mut points = Points::splat(centre);
+                stage.to_source(&mut points);
+                centre = points.get(0);
+            }
         }
         if smooth {
             Bend::Smooth

@@ -5,6 +5,7 @@ use super::tile::Tile;
 use super::{LANES, Points};
 
 /// Fills `tile` with the source positions of its voxels.
+#[inline(always)]
 pub(super) fn fill(chain: &Chain, tile: &mut Tile) {
     let voxels = tile.voxels();
     let [_, ny, nz] = voxels.dims();

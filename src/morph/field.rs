@@ -6,6 +6,7 @@ use super::chain::{Chain, Lattice, VoxelBox};
 use super::halfscale::CoarseDisplacement;
 use super::tile::Tile;
 use super::{exact, octree};
+use crate::simd::{Kernel, Simd};
 
 /// How densely a chain is evaluated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,20 +94,52 @@ impl<'a> Field<'a> {
     /// move gets its own index, to the bit.
     pub fn fill(&self, voxels: VoxelBox, scratch: &mut Scratch, tile: &mut Tile) {
         tile.begin(voxels);
-        match &self.kind {
+        Simd::widest().run(FillTile {
+            field: self,
+            scratch,
+            tile,
+        });
+    }
+}
+
+/// The source positions of one tile.
+struct FillTile<'a, 'f> {
+    field: &'a Field<'f>,
+    scratch: &'a mut Scratch,
+    tile: &'a mut Tile,
+}
+
+impl Kernel for FillTile<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            field,
+            scratch,
+            tile,
+        } = self;
+        match &field.kind {
             Kind::Evaluated(Evaluation::Exact) => {
-                exact::fill(self.chain, tile);
+                exact::fill(field.chain, tile);
+                return;
+            }
+            // At the rim of what moves, what does not is told apart voxel by voxel anyway.
+            Kind::Evaluated(Evaluation::Adaptive { .. })
+                if !field.chain.moves_all(&tile.voxels()) =>
+            {
+                exact::fill(field.chain, tile);
                 return;
             }
             Kind::Evaluated(Evaluation::Adaptive { tolerance, metric }) => {
-                octree::fill(self.chain, *tolerance, *metric, &mut scratch.octree, tile);
+                octree::fill(field.chain, *tolerance, *metric, &mut scratch.octree, tile);
             }
             Kind::Upsampled(coarse) => coarse.fill(&mut scratch.upsample, tile),
         }
-        if !self.chain.moves_all(&voxels) {
+        if !field.chain.moves_all(&tile.voxels()) {
             for offset in tile.offsets() {
                 let index = tile.index(offset);
-                if !self.chain.moves(index) {
+                if !field.chain.moves(index) {
                     tile.set(offset, index);
                 }
             }

@@ -15,8 +15,7 @@
 //!   derivative ([`bounds`](super::bounds)). Interpolation over an eighth of the cell is off by at most
 //!   B/4, and it differs from interpolation over the cell by at most p: p + B/4 bounds the error.
 //!
-//! A cell of side 4 that does not pass is mapped exactly, voxel by voxel: its 64 positions are fewer than the
-//! points that splitting it further would ask for.
+//! A cell of side [`LEAST`] that does not pass is mapped exactly, voxel by voxel.
 
 use glam::DVec3;
 
@@ -30,8 +29,9 @@ use super::{LANES, Points};
 /// with 0.6, 0.7 or 0.8, and one by 3 % more with 0.9.
 const FAR_SHARE: f64 = 0.6;
 
-/// The smallest cell that is interpolated: a plane of it fills the lanes.
-const LEAST: usize = 4;
+/// The side of the smallest cell that is interpolated. Checking one asks for 35 positions and a bound on the map's second
+/// derivative, which is most of what all positions of a smaller one ask for.
+const LEAST: usize = 8;
 
 /// The largest cell: a whole tile.
 const ROOT: usize = TILE;
@@ -65,6 +65,7 @@ impl Scratch {
     }
 
     /// Maps those of the points that are not known yet.
+    #[inline(always)]
     fn ensure(&mut self, chain: &Chain, origin: DVec3, wanted: &[[usize; 3]]) {
         let mut batch = [0; LANES];
         let mut filled = 0;
@@ -93,6 +94,7 @@ impl Scratch {
 
     /// The exact corners of a cell, where interpolation from them meets its 19 further points and the
     /// centres of its eighths within `limit`.
+    #[inline(always)]
     fn corners_if_within(
         &mut self,
         chain: &Chain,
@@ -105,20 +107,38 @@ impl Scratch {
         let wanted = lattice_27(at, half);
         self.ensure(chain, origin, &wanted);
         let corners = CORNERS.map(|place| self.get(wanted[place]));
-        let within = |scratch: &Self, point: [usize; 3]| {
-            let share = [0, 1, 2].map(|axis| (point[axis] - at[axis]) as f64 * 0.5 / half as f64);
-            let off = (trilinear(&corners, share) - scratch.get(point)) * metric;
-            off.length_squared() <= limit * limit
-        };
-        if !wanted.iter().all(|&point| within(self, point)) {
+        if !self.are_within(&corners, &wanted, at, half, metric, limit) {
             return None;
         }
         let centres = eighth_centres(at, half);
         self.ensure(chain, origin, &centres);
-        let within = centres.iter().all(|&point| within(self, point));
+        let within = self.are_within(&corners, &centres, at, half, metric, limit);
         within.then_some(corners)
     }
 
+    /// Whether interpolation from the corners of a cell meets points whose positions are known.
+    #[inline(always)]
+    fn are_within(
+        &self,
+        corners: &[DVec3; 8],
+        points: &[[usize; 3]],
+        at: [usize; 3],
+        half: usize,
+        metric: DVec3,
+        limit: f64,
+    ) -> bool {
+        let step = 0.5 / half as f64;
+        let mut worst = 0.0;
+        for point in points {
+            let share = [0, 1, 2].map(|axis| (point[axis] - at[axis]) as f64 * step);
+            let off = (trilinear(corners, share) - self.get(*point)) * metric;
+            let squared = off.length_squared();
+            worst = if squared > worst { squared } else { worst };
+        }
+        worst <= limit * limit
+    }
+
+    #[inline(always)]
     fn flush(&mut self, chain: &Chain, points: &mut Points, places: &[usize]) {
         chain.to_source(points);
         for (lane, &place) in places.iter().enumerate() {
@@ -129,6 +149,7 @@ impl Scratch {
 
 /// Fills `tile` with source positions that are within `tolerance` of the exact ones; distances are
 /// measured after multiplying the axes by `metric`.
+#[inline(always)]
 pub(super) fn fill(
     chain: &Chain,
     tolerance: f64,
@@ -158,7 +179,7 @@ pub(super) fn fill(
             continue;
         }
         if half < LEAST {
-            exact(chain, tile, at, dims);
+            exact(chain, tile, at, side, dims);
             continue;
         }
         for child in 0..8 {
@@ -169,21 +190,29 @@ pub(super) fn fill(
     }
 }
 
-/// Maps every voxel of a cell of side [`LEAST`], a plane at a time.
-fn exact(chain: &Chain, tile: &mut Tile, at: [usize; 3], dims: [usize; 3]) {
-    const { assert!(LEAST * LEAST == LANES) };
+/// Maps every voxel of a cell, as many rows at a time as fill the lanes.
+#[inline(always)]
+fn exact(chain: &Chain, tile: &mut Tile, at: [usize; 3], side: usize, dims: [usize; 3]) {
     let first = tile.index(at);
-    for z in 0..LEAST.min(dims[2] - at[2]) {
-        let mut points = Points::ZERO;
-        for lane in 0..LANES {
-            let step = DVec3::new((lane % LEAST) as f64, (lane / LEAST) as f64, z as f64);
-            points.set(lane, first + step);
-        }
-        chain.to_source(&mut points);
-        for y in 0..LEAST.min(dims[1] - at[1]) {
-            for x in 0..LEAST.min(dims[0] - at[0]) {
-                let to = [at[0] + x, at[1] + y, at[2] + z];
-                tile.set(to, points.get(y * LEAST + x));
+    let rows = LANES / side;
+    let count = |axis: usize| side.min(dims[axis] - at[axis]);
+    for z in 0..count(2) {
+        for y in (0..count(1)).step_by(rows) {
+            let mut points = Points::ZERO;
+            for lane in 0..LANES {
+                points.x[lane] = first.x + (lane % side) as f64;
+                points.y[lane] = first.y + (y + lane / side) as f64;
+                points.z[lane] = first.z + z as f64;
+            }
+            chain.to_source(&mut points);
+            let lanes = points.x.chunks(side).zip(points.y.chunks(side));
+            let lanes = lanes.zip(points.z.chunks(side));
+            for (row, ((px, py), pz)) in lanes.enumerate().take(count(1) - y) {
+                // Voxels past the tile's end mean nothing: a row has room for them.
+                let to = Tile::row(at[1] + y + row, at[2] + z).start + at[0];
+                tile.x[to..to + side].copy_from_slice(px);
+                tile.y[to..to + side].copy_from_slice(py);
+                tile.z[to..to + side].copy_from_slice(pz);
             }
         }
     }
@@ -214,6 +243,7 @@ fn eighth_centres(at: [usize; 3], half: usize) -> [[usize; 3]; 8] {
     })
 }
 
+#[inline(always)]
 fn trilinear(corners: &[DVec3; 8], [x, y, z]: [f64; 3]) -> DVec3 {
     let along_x = |pair: usize| corners[pair] + (corners[pair + 1] - corners[pair]) * x;
     let front = along_x(0) + (along_x(2) - along_x(0)) * y;
@@ -222,6 +252,7 @@ fn trilinear(corners: &[DVec3; 8], [x, y, z]: [f64; 3]) -> DVec3 {
 }
 
 /// Fills the voxels of a cell from its corners.
+#[inline(always)]
 fn interpolate(
     tile: &mut Tile,
     at: [usize; 3],

@@ -23,7 +23,7 @@ impl Points {
     };
 
     /// Neighbouring voxels along x, the first at `start`.
-    #[inline]
+    #[inline(always)]
     pub fn row(start: [usize; 3]) -> Self {
         let mut points = Self {
             x: [0.0; LANES],
@@ -46,13 +46,13 @@ impl Points {
     }
 
     /// The position in one lane; `lane` below [`LANES`].
-    #[inline]
+    #[inline(always)]
     pub fn get(&self, lane: usize) -> DVec3 {
         DVec3::new(self.x[lane], self.y[lane], self.z[lane])
     }
 
     /// Puts a position into one lane; `lane` below [`LANES`].
-    #[inline]
+    #[inline(always)]
     pub fn set(&mut self, lane: usize, at: DVec3) {
         self.x[lane] = at.x;
         self.y[lane] = at.y;

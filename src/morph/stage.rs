@@ -10,7 +10,7 @@
     reason = "a lane is a place in a dozen arrays at once"
 )]
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::pair::{Frame, PairMap, Segment};
 use super::reference::LineSum;
@@ -38,13 +38,13 @@ impl Taper {
 }
 
 /// 1 − s³(6s² − 15s + 10): from 1 at 0 to exactly 0 at 1, flat at both ends.
-#[inline]
+#[inline(always)]
 pub(super) fn fade(s: f64) -> f64 {
     1.0 - s * s * s * (6.0 * s * s - 15.0 * s + 10.0)
 }
 
 /// Its derivative.
-#[inline]
+#[inline(always)]
 fn fade_slope(s: f64) -> f64 {
     -30.0 * s * s * (s - 1.0) * (s - 1.0)
 }
@@ -170,7 +170,7 @@ impl StageMap {
     }
 
     /// Moves target positions (lattice voxels) to their sources, in place.
-    #[inline]
+    #[inline(always)]
     pub fn to_source(&self, points: &mut Points) {
         let units = self.units_of(points);
         let strength = self.strength(&units);
@@ -194,7 +194,7 @@ impl StageMap {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn units_of(&self, points: &Points) -> Points {
         let mut units = Points::ZERO;
         for lane in 0..LANES {
@@ -206,7 +206,7 @@ impl StageMap {
     }
 
     /// t·λ at positions in the model's units.
-    #[inline]
+    #[inline(always)]
     fn strength(&self, units: &Points) -> [f64; LANES] {
         let along = self.f1.end - self.f1.start;
         let inverse_length2 = self.f1.inverse_length2();
@@ -215,8 +215,8 @@ impl StageMap {
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
             let (ax, ay, az) = (x - a.x, y - a.y, z - a.z);
-            let place =
-                ((ax * along.x + ay * along.y + az * along.z) * inverse_length2).clamp(0.0, 1.0);
+            let place = (ax * along.x + ay * along.y + az * along.z) * inverse_length2;
+            let place = smaller(larger(place, 0.0), 1.0);
             let (rx, ry, rz) = (
                 ax - place * along.x,
                 ay - place * along.y,
@@ -224,35 +224,36 @@ impl StageMap {
             );
             let reach = (rx * rx + ry * ry + rz * rz).sqrt() + EPSILON;
 
-            let beyond_x = (lo.x - x).max(x - hi.x).max(0.0);
-            let beyond_z = (lo.z - z).max(z - hi.z).max(0.0);
+            let beyond_x = outside(x, lo.x, hi.x);
+            let beyond_z = outside(z, lo.z, hi.z);
             let (bx2, bz2) = (beyond_x * beyond_x, beyond_z * beyond_z);
             let (x_lo2, x_hi2) = ((x - lo.x) * (x - lo.x), (x - hi.x) * (x - hi.x));
             let (z_lo2, z_hi2) = ((z - lo.z) * (z - lo.z), (z - hi.z) * (z - hi.z));
-            let mut held = 0.0;
-            for face in [lo.y, hi.y] {
+            let by_face = |face: f64| {
                 let y2 = (y - face) * (y - face);
-                for distance2 in [
-                    bx2 + y2 + z_lo2,
-                    bx2 + y2 + z_hi2,
-                    bz2 + y2 + x_lo2,
-                    bz2 + y2 + x_hi2,
-                ] {
+                let weight = |distance2: f64| {
                     let reach = distance2.sqrt() + EPSILON;
-                    held += 1.0 / (reach * reach);
-                }
-            }
+                    reach * reach
+                };
+                inverse_sum(
+                    weight(bx2 + y2 + z_lo2),
+                    weight(bx2 + y2 + z_hi2),
+                    weight(bz2 + y2 + x_lo2),
+                    weight(bz2 + y2 + x_hi2),
+                )
+            };
+            let held = by_face(lo.y) + by_face(hi.y);
             // w₁ / (w₁ + Σ) with numerator and denominator multiplied by (d₁ + ε)².
             strength[lane] = 1.0 / (1.0 + reach * reach * held);
         }
         if let Some(taper) = &self.taper {
             let (lo, hi) = (taper.nose.min.0, taper.nose.max.0);
             for lane in 0..LANES {
-                let out_x = (lo.x - units.x[lane]).max(units.x[lane] - hi.x).max(0.0);
-                let out_y = (lo.y - units.y[lane]).max(units.y[lane] - hi.y).max(0.0);
-                let out_z = (lo.z - units.z[lane]).max(units.z[lane] - hi.z).max(0.0);
+                let out_x = outside(units.x[lane], lo.x, hi.x);
+                let out_y = outside(units.y[lane], lo.y, hi.y);
+                let out_z = outside(units.z[lane], lo.z, hi.z);
                 let away = (out_x * out_x + out_y * out_y + out_z * out_z).sqrt();
-                strength[lane] *= fade((away / taper.margin_mm).min(1.0));
+                strength[lane] *= fade(smaller(away / taper.margin_mm, 1.0));
             }
         }
         strength
@@ -261,24 +262,51 @@ impl StageMap {
     /// Moves target positions to their sources and multiplies `determinants` by the Jacobian determinant
     /// of this map there. Closed form; on a feature line itself, where a distance has no gradient, that
     /// gradient counts as zero. The determinant is the same in voxels and in mm.
+    #[inline(always)]
     pub fn to_source_with_jacobian(&self, points: &mut Points, determinants: &mut [f64; LANES]) {
         let units = self.units_of(points);
         let (strength, gradient) = self.strength_and_gradient(&units);
-        let m = self.pair.linear;
+        let PairMap {
+            origin,
+            linear: m,
+            shift,
+        } = self.pair;
+        let (back_x, back_y, back_z) = (1.0 / self.scale.x, 1.0 / self.scale.y, 1.0 / self.scale.z);
         for lane in 0..LANES {
-            let pull = self.pair.displacement(units.get(lane));
-            let (s, by) = (strength[lane], gradient.get(lane));
-            let jacobian = DMat3::from_cols(
-                DVec3::X + m.x_axis * s + pull * by.x,
-                DVec3::Y + m.y_axis * s + pull * by.y,
-                DVec3::Z + m.z_axis * s + pull * by.z,
+            let x = units.x[lane] - origin.x;
+            let y = units.y[lane] - origin.y;
+            let z = units.z[lane] - origin.z;
+            let s = strength[lane];
+            let gx = m.x_axis.x * x + m.y_axis.x * y + m.z_axis.x * z + shift.x;
+            let gy = m.x_axis.y * x + m.y_axis.y * y + m.z_axis.y * z + shift.y;
+            let gz = m.x_axis.z * x + m.y_axis.z * y + m.z_axis.z * z + shift.z;
+            // I + s·M + g ∇sᵀ, by columns.
+            let (sx, sy, sz) = (gradient.x[lane], gradient.y[lane], gradient.z[lane]);
+            let (xx, xy, xz) = (
+                1.0 + m.x_axis.x * s + gx * sx,
+                m.x_axis.y * s + gy * sx,
+                m.x_axis.z * s + gz * sx,
             );
-            determinants[lane] *= jacobian.determinant();
-            points.set(lane, points.get(lane) + pull * s / self.scale);
+            let (yx, yy, yz) = (
+                m.y_axis.x * s + gx * sy,
+                1.0 + m.y_axis.y * s + gy * sy,
+                m.y_axis.z * s + gz * sy,
+            );
+            let (zx, zy, zz) = (
+                m.z_axis.x * s + gx * sz,
+                m.z_axis.y * s + gy * sz,
+                1.0 + m.z_axis.z * s + gz * sz,
+            );
+            determinants[lane] *=
+                zx * (xy * yz - xz * yy) + zy * (xz * yx - xx * yz) + zz * (xx * yy - xy * yx);
+            points.x[lane] += s * gx * back_x;
+            points.y[lane] += s * gy * back_y;
+            points.z[lane] += s * gz * back_z;
         }
     }
 
     /// t·λ and its gradient, at positions in the model's units.
+    #[inline(always)]
     fn strength_and_gradient(&self, units: &Points) -> ([f64; LANES], Points) {
         let along = self.f1.end - self.f1.start;
         let inverse_length2 = self.f1.inverse_length2();
@@ -287,37 +315,49 @@ impl StageMap {
         let mut gradient = Points::ZERO;
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
-            let to = DVec3::new(x - a.x, y - a.y, z - a.z);
-            let place = (to.dot(along) * inverse_length2).clamp(0.0, 1.0);
-            let f1 = inverse_square(to - along * place);
+            let (ax, ay, az) = (x - a.x, y - a.y, z - a.z);
+            let place = (ax * along.x + ay * along.y + az * along.z) * inverse_length2;
+            let place = smaller(larger(place, 0.0), 1.0);
+            let f1 = Weight::of(
+                ax - place * along.x,
+                ay - place * along.y,
+                az - place * along.z,
+            );
             let (out_x, out_z) = (beyond(x, lo.x, hi.x), beyond(z, lo.z, hi.z));
-            let mut held = Weight::default();
-            for face in [lo.y, hi.y] {
+            let by_face = |face: f64| {
                 let y = y - face;
-                held += inverse_square(DVec3::new(out_x, y, z - lo.z));
-                held += inverse_square(DVec3::new(out_x, y, z - hi.z));
-                held += inverse_square(DVec3::new(x - lo.x, y, out_z));
-                held += inverse_square(DVec3::new(x - hi.x, y, out_z));
-            }
+                let below = Weight::of(out_x, y, z - lo.z);
+                let above = Weight::of(out_x, y, z - hi.z);
+                let right = Weight::of(x - lo.x, y, out_z);
+                let left = Weight::of(x - hi.x, y, out_z);
+                below.and(above).and(right.and(left))
+            };
+            let held = by_face(lo.y).and(by_face(hi.y));
             let inverse_total = 1.0 / (f1.weight + held.weight);
             strength[lane] = f1.weight * inverse_total;
             // (w₁'Σ − w₁Σ')/Σ², written so that the terms of w₁' cancel before they are computed.
-            let slope = f1.gradient * held.weight - held.gradient * f1.weight;
-            gradient.set(lane, slope * (inverse_total * inverse_total));
+            let inverse_total2 = inverse_total * inverse_total;
+            let slope = |f1_slope: f64, held_slope: f64| {
+                (f1_slope * held.weight - held_slope * f1.weight) * inverse_total2
+            };
+            gradient.x[lane] = slope(f1.x, held.x);
+            gradient.y[lane] = slope(f1.y, held.y);
+            gradient.z[lane] = slope(f1.z, held.z);
         }
         if let Some(taper) = &self.taper {
             let (lo, hi) = (taper.nose.min.0, taper.nose.max.0);
             for lane in 0..LANES {
-                let out = DVec3::new(
-                    beyond(units.x[lane], lo.x, hi.x),
-                    beyond(units.y[lane], lo.y, hi.y),
-                    beyond(units.z[lane], lo.z, hi.z),
-                );
-                let away = out.length();
-                let s = (away / taper.margin_mm).min(1.0);
+                let out_x = beyond(units.x[lane], lo.x, hi.x);
+                let out_y = beyond(units.y[lane], lo.y, hi.y);
+                let out_z = beyond(units.z[lane], lo.z, hi.z);
+                let away = (out_x * out_x + out_y * out_y + out_z * out_z).sqrt();
+                let s = smaller(away / taper.margin_mm, 1.0);
                 let t = fade(s);
-                let slope = out * (fade_slope(s) / (taper.margin_mm * away.max(NO_DISTANCE)));
-                gradient.set(lane, gradient.get(lane) * t + slope * strength[lane]);
+                let slope = fade_slope(s) / (taper.margin_mm * larger(away, NO_DISTANCE));
+                let pull = slope * strength[lane];
+                gradient.x[lane] = gradient.x[lane] * t + out_x * pull;
+                gradient.y[lane] = gradient.y[lane] * t + out_y * pull;
+                gradient.z[lane] = gradient.z[lane] * t + out_z * pull;
                 strength[lane] *= t;
             }
         }
@@ -325,35 +365,77 @@ impl StageMap {
     }
 }
 
+/// 1/a + 1/b + 1/c + 1/d, with a single division: most of what a position costs are roots and divisions. Squares of
+/// distances within a volume, so that no product leaves the range of `f64`.
+#[inline(always)]
+fn inverse_sum(a: f64, b: f64, c: f64, d: f64) -> f64 {
+    let (ab, cd) = (a * b, c * d);
+    ((a + b) * cd + (c + d) * ab) / (ab * cd)
+}
+
+/// Distance by which a coordinate lies outside an interval.
+#[inline(always)]
+fn outside(at: f64, lo: f64, hi: f64) -> f64 {
+    larger(larger(lo - at, at - hi), 0.0)
+}
+
+/// The larger of two numbers: one instruction on every vector unit, unlike `f64::max`, which has to look for what is no
+/// number.
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The smaller of two numbers, likewise.
+#[inline(always)]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
 /// Signed distance by which a coordinate lies outside an interval; 0 inside.
-#[inline]
+#[inline(always)]
 fn beyond(at: f64, lo: f64, hi: f64) -> f64 {
-    (at - hi).max(0.0) + (at - lo).min(0.0)
+    larger(at - hi, 0.0) + smaller(at - lo, 0.0)
 }
 
 /// A weight and its gradient.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Weight {
     weight: f64,
-    gradient: DVec3,
+    x: f64,
+    y: f64,
+    z: f64,
 }
 
-impl std::ops::AddAssign for Weight {
-    fn add_assign(&mut self, other: Self) {
-        self.weight += other.weight;
-        self.gradient += other.gradient;
+impl Weight {
+    /// (d + ε)⁻² for the vector from the nearest point of a line.
+    #[inline(always)]
+    fn of(x: f64, y: f64, z: f64) -> Self {
+        let distance = (x * x + y * y + z * z).sqrt();
+        let (reach, distance) = (distance + EPSILON, larger(distance, NO_DISTANCE));
+        // Both inverses with one division.
+        let both = 1.0 / (reach * distance);
+        let inverse = both * distance;
+        let weight = inverse * inverse;
+        // −2·(d + ε)⁻³ along the unit vector.
+        let slope = -2.0 * weight * both;
+        Self {
+            weight,
+            x: x * slope,
+            y: y * slope,
+            z: z * slope,
+        }
     }
-}
 
-/// (d + ε)⁻² for the vector from the nearest point of a line.
-#[inline]
-fn inverse_square(away: DVec3) -> Weight {
-    let distance = away.length();
-    let inverse = 1.0 / (distance + EPSILON);
-    let weight = inverse * inverse;
-    Weight {
-        weight,
-        gradient: away * (-2.0 * weight * inverse / distance.max(NO_DISTANCE)),
+    /// The sum.
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        Self {
+            weight: self.weight + other.weight,
+            x: self.x + other.x,
+            y: self.y + other.y,
+            z: self.z + other.z,
+        }
     }
 }
 

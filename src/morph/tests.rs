@@ -16,6 +16,7 @@ use super::stage::{StageLines, StageMap, Taper};
 use super::warp::warp;
 use super::{EPSILON, LANES, Points};
 use crate::feature::{Cage, FeatureKind, FeatureLine, Landmarks, NoseBox};
+use crate::simd::Simd;
 use crate::space::{Grid, GridPoint, LpsPoint};
 use crate::volume::{Rescale, Volume};
 
@@ -473,6 +474,40 @@ fn differences_of_a_field_agree_with_the_closed_form() {
 }
 
 #[test]
+fn an_audit_tells_the_worst_of_all_voxels() {
+    let full = Lattice::full(&grid());
+    let (source, target) = (preoperative(), moved([6.0, 4.0, -5.0]));
+    let nose = taper(&source, &target).nose;
+    let two = |map: StageMap| Chain::new(vec![map.clone(), map]);
+    for map in all_maps(source, target) {
+        for chain in [Chain::from(map.clone()), two(map)] {
+            let (mut least, mut furthest, mut outside) = (1.0_f64, 0.0_f64, 0.0_f64);
+            let [nx, ny, nz] = full.dims();
+            for (z, y, x) in ndarray::indices((nz, ny, nx)) {
+                let at = DVec3::new(x as f64, y as f64, z as f64);
+                let mut points = Points::splat(at);
+                let mut determinants = [1.0; LANES];
+                chain.to_source_with_jacobian(&mut points, &mut determinants);
+                let moved = ((points.get(0) - at) * full.spacing()).length();
+                least = least.min(determinants[0]);
+                furthest = furthest.max(moved);
+                if nose.distance(full.point_at(at)) > 0.0 {
+                    outside = outside.max(moved);
+                }
+            }
+            let found = WarpAudit::new(&chain, &full, &nose);
+            let expected = WarpAudit {
+                jacobian_min: least,
+                displacement_max_mm: furthest,
+                displacement_max_outside_mm: outside,
+            };
+            assert_eq!(found, expected);
+            assert!(least < 0.9 && outside > 0.5);
+        }
+    }
+}
+
+#[test]
 fn a_fold_is_seen() {
     // The tip is pushed through the base plane and out behind it.
     let full = Lattice::full(&grid());
@@ -513,6 +548,36 @@ fn any_number_of_threads_gives_the_same_bytes() {
     assert_eq!(one, run(2));
     assert_eq!(one, run(4));
     assert_ne!(one.0, volume);
+}
+
+#[test]
+fn any_instructions_give_the_same_bytes() {
+    let grid = grid();
+    let (full, half) = (Lattice::full(&grid), Lattice::half(&grid));
+    let shorts = textured();
+    let floats = shorts.samples().mapv(|value| f32::from(value) * 1.37);
+    let floats = Volume::new(grid.clone(), Rescale::NONE, floats).unwrap();
+    let (source, target) = (preoperative(), moved([3.0, 4.0, -2.0]));
+    for stages in all_maps(source, target) {
+        let chain = Chain::from(stages);
+        let coarse_chain = Chain::from(local(source, target, 1.0, &half));
+        let found = Simd::compare(|_| {
+            let adaptive = Field::evaluated(full, &chain, adaptive_mm(0.05));
+            let exact = Field::evaluated(full, &chain, Evaluation::Exact);
+            let coarse = CoarseDisplacement::new(half, &coarse_chain, adaptive_mm(0.05)).unwrap();
+            let nose = taper(&source, &target).nose;
+            (
+                warp(&shorts, &exact),
+                warp(&floats, &exact),
+                warp(&shorts, &adaptive),
+                warp(&floats, &Field::upsampled(full, &chain, coarse)),
+                WarpAudit::new(&chain, &full, &nose),
+            )
+        });
+        for (simd, one) in &found {
+            assert_eq!(one, &found[0].1, "{simd}");
+        }
+    }
 }
 
 /// An f1 whose ends are anywhere near the nose, before and after: far wilder than a surgeon's.

@@ -61,6 +61,10 @@ pub trait Sample: Copy + Default + PartialOrd + Send + Sync + fmt::Debug + 'stat
     /// fewer.
     type Mean: Sample;
 
+    /// Whether a blend of samples that gives all weight to one of them is that one, to the bit: not where others can be
+    /// infinite or none, and not beyond 53 bits.
+    const BLENDS_EXACTLY: bool;
+
     /// The value, to compute with. Integers beyond 2⁵³ are rounded to the nearest `f64`.
     fn to_f64(self) -> f64;
 
@@ -76,17 +80,18 @@ pub trait Sample: Copy + Default + PartialOrd + Send + Sync + fmt::Debug + 'stat
 }
 
 macro_rules! sample_type {
-    ($type:ty, $variant:ident, $mean:ty, $value:ident => $from:expr) => {
+    ($type:ty, $variant:ident, $mean:ty, $exact:literal, $value:ident => $from:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
+            const BLENDS_EXACTLY: bool = $exact;
             type Mean = $mean;
 
-            #[inline]
+            #[inline(always)]
             fn to_f64(self) -> f64 {
                 self as f64
             }
 
-            #[inline]
+            #[inline(always)]
             fn from_interpolated($value: f64) -> Self {
                 $from
             }
@@ -103,32 +108,47 @@ macro_rules! sample_type {
     };
 }
 
-/// The nearest integer of a type that fits another, halves away from zero, clamped: `f64::round` and `as`,
-/// without the call into the mathematics library that `round` is where the processor has no instruction
-/// for it.
+/// 1.5 · 2⁵²: the sum of this and a number of at most 32 bits is a whole number, rounded to nearest, whose low bits are
+/// that number.
+const WHOLE: f64 = 6_755_399_441_055_744.0;
+
+/// The nearest integer of a type of at most 32 bits, halves away from zero, clamped: `f64::round` and `as`, in steps
+/// that a compiler takes for many numbers at once.
 macro_rules! round_by {
-    ($value:expr, $type:ty, $wide:ty) => {{
+    ($value:expr, $type:ty) => {{
         let value: f64 = $value;
-        // Truncates towards zero and clamps; not a number becomes 0.
-        let whole = value as $wide;
-        let rest = value - whole as f64;
-        whole
-            .saturating_add(<$wide>::from(rest >= 0.5))
-            .saturating_sub(<$wide>::from(rest <= -0.5))
-            .clamp(<$type>::MIN as $wide, <$type>::MAX as $wide) as $type
+        let (least, most) = (<$type>::MIN as f64, <$type>::MAX as f64);
+        // Not a number becomes 0.
+        let value = if value == value { value } else { 0.0 };
+        let value = if value > least { value } else { least };
+        let value = if value < most { value } else { most };
+        let whole = value + WHOLE;
+        // The sum rounded a half to even.
+        let rest = value - (whole - WHOLE);
+        let up = if (rest >= 0.5) & (value > 0.0) {
+            1.0
+        } else {
+            0.0
+        };
+        let down = if (rest <= -0.5) & (value < 0.0) {
+            1.0
+        } else {
+            0.0
+        };
+        (whole + up - down).to_bits() as $type
     }};
 }
 
-sample_type!(u8, U8, f32, value => round_by!(value, u8, i32));
-sample_type!(i8, I8, f32, value => round_by!(value, i8, i32));
-sample_type!(u16, U16, f32, value => round_by!(value, u16, i32));
-sample_type!(i16, I16, f32, value => round_by!(value, i16, i32));
-sample_type!(u32, U32, f64, value => round_by!(value, u32, i64));
-sample_type!(i32, I32, f64, value => round_by!(value, i32, i64));
-sample_type!(u64, U64, f64, value => value.round() as Self);
-sample_type!(i64, I64, f64, value => value.round() as Self);
-sample_type!(f32, F32, f32, value => value as Self);
-sample_type!(f64, F64, f64, value => value);
+sample_type!(u8, U8, f32, true, value => round_by!(value, u8));
+sample_type!(i8, I8, f32, true, value => round_by!(value, i8));
+sample_type!(u16, U16, f32, true, value => round_by!(value, u16));
+sample_type!(i16, I16, f32, true, value => round_by!(value, i16));
+sample_type!(u32, U32, f64, true, value => round_by!(value, u32));
+sample_type!(i32, I32, f64, true, value => round_by!(value, i32));
+sample_type!(u64, U64, f64, false, value => value.round() as Self);
+sample_type!(i64, I64, f64, false, value => value.round() as Self);
+sample_type!(f32, F32, f32, false, value => value as Self);
+sample_type!(f64, F64, f64, false, value => value);
 
 #[cfg(test)]
 mod tests {

@@ -1,6 +1,7 @@
 //! Trilinear sampling of a volume's stored values.
 
 use super::{Sample, Volume};
+use crate::simd::pairs;
 
 /// A volume, ready to be sampled between its voxels.
 ///
@@ -19,29 +20,31 @@ struct Axis {
     /// Index of the last voxel that has a neighbour after it.
     last_pair: f64,
     /// Samples from one voxel to the next.
-    stride: usize,
+    stride: f64,
     /// The same, or 0 on an axis of a single voxel, which is its own neighbour.
     to_next: usize,
 }
 
-/// 1.5 · 2⁵²: the sum of this and a number of fewer than 32 bits is a whole number, rounded to nearest, whose
-/// low bits are that number.
+/// 1.5 · 2⁵²: the sum of this and a number of fewer than 32 bits is a whole number, rounded to nearest.
 const WHOLE: f64 = 6_755_399_441_055_744.0;
+
+/// 2⁵²: the sum of this and a whole number below it has that number as the low bits.
+const BITS: f64 = 4_503_599_627_370_496.0;
 
 impl Axis {
     fn new(length: usize, stride: usize) -> Self {
         Self {
             last: length.saturating_sub(1) as f64,
             last_pair: length.saturating_sub(2) as f64,
-            stride,
+            stride: stride as f64,
             to_next: if length > 1 { stride } else { 0 },
         }
     }
 
     /// The first voxel of a pair around a position, and how far between the two it is, after clamping
     /// to the axis. A position on a voxel may be the end of one pair or the start of the next.
-    #[inline]
-    fn split(&self, position: f64) -> (usize, f64) {
+    #[inline(always)]
+    fn split(&self, position: f64) -> (f64, f64) {
         // Comparisons that NaN fails, so that it becomes 0: one instruction each, unlike `f64::max`.
         let position = if position > 0.0 { position } else { 0.0 };
         let position = if position < self.last {
@@ -55,9 +58,8 @@ impl Axis {
         } else {
             self.last_pair
         };
-        let whole = before + WHOLE;
-        let voxel = whole.to_bits() as u32;
-        (voxel as usize, position - (whole - WHOLE))
+        let voxel = (before + WHOLE) - WHOLE;
+        (voxel, position - voxel)
     }
 }
 
@@ -75,51 +77,77 @@ impl<'a, T: Sample> Trilinear<'a, T> {
     /// value at 0 on that axis.
     #[inline]
     pub fn at(&self, x: f64, y: f64, z: f64) -> f64 {
-        let [ax, ay, az] = &self.axes;
-        let ((x0, fx), (y0, fy), (z0, fz)) = (ax.split(x), ay.split(y), az.split(z));
-        let base = x0 + y0 * ay.stride + z0 * az.stride;
-        self.blend(base, [fx, fy, fz])
+        let (place, shares) = self.split(x, y, z);
+        blend(self.corners(place), shares)
     }
 
-    /// As [`Trilinear::at`], for a row of positions: the same values, with what does not touch memory done for
-    /// all of them first.
-    #[inline]
+    /// As [`Trilinear::at`], for a row of positions: the same values, each step done for all of them before the next.
+    #[inline(always)]
     pub fn row<const N: usize>(&self, x: &[f64; N], y: &[f64; N], z: &[f64; N]) -> [f64; N] {
-        let [ax, ay, az] = &self.axes;
-        let mut corners = [(0, 0, 0); N];
+        let mut places = [0; N];
         let mut shares = [[0.0; N]; 3];
         for lane in 0..N {
-            let ((x0, fx), (y0, fy), (z0, fz)) =
-                (ax.split(x[lane]), ay.split(y[lane]), az.split(z[lane]));
-            corners[lane] = (x0, y0, z0);
+            let (place, [fx, fy, fz]) = self.split(x[lane], y[lane], z[lane]);
+            places[lane] = place;
             shares[0][lane] = fx;
             shares[1][lane] = fy;
             shares[2][lane] = fz;
         }
         let mut values = [0.0; N];
-        for lane in 0..N {
-            let (x0, y0, z0) = corners[lane];
-            let base = x0 + y0 * ay.stride + z0 * az.stride;
-            values[lane] = self.blend(base, [shares[0][lane], shares[1][lane], shares[2][lane]]);
+        let [ax, ..] = &self.axes;
+        let pairs = (ax.to_next > 0).then(|| pairs(self.samples, &places, self.rows()));
+        if let Some(Some(pairs)) = pairs {
+            for lane in 0..N {
+                let corners = [0, 1, 2, 3].map(|row| pairs[row][lane]);
+                values[lane] = blend(corners, [0, 1, 2].map(|axis| shares[axis][lane]));
+            }
+        } else {
+            // A volume of one voxel along x has no pairs.
+            for lane in 0..N {
+                let corners = self.corners(places[lane]);
+                values[lane] = blend(corners, [0, 1, 2].map(|axis| shares[axis][lane]));
+            }
         }
         values
     }
 
-    /// The blend of the eight voxels from `base` on.
-    #[inline]
-    fn blend(&self, base: usize, [fx, fy, fz]: [f64; 3]) -> f64 {
+    /// The first of the eight voxels around a position, and how far along each axis it is between them.
+    #[inline(always)]
+    fn split(&self, x: f64, y: f64, z: f64) -> (u64, [f64; 3]) {
         let [ax, ay, az] = &self.axes;
-        // Both ends of a blend are exact, which a + (b - a)·f is not at f = 1.
-        let (gx, gy, gz) = (1.0 - fx, 1.0 - fy, 1.0 - fz);
-        let along_x = |place: usize| {
-            let pair = &self.samples[place..=place + ax.to_next];
-            pair[0].to_f64() * gx + pair[pair.len() - 1].to_f64() * fx
-        };
-        let near = along_x(base) * gy + along_x(base + ay.to_next) * fy;
-        let base = base + az.to_next;
-        let far = along_x(base) * gy + along_x(base + ay.to_next) * fy;
-        near * gz + far * fz
+        let ((x0, fx), (y0, fy), (z0, fz)) = (ax.split(x), ay.split(y), az.split(z));
+        // In numbers of 53 bits, which hold the place of any voxel.
+        let place = x0 + y0 * ay.stride + z0 * az.stride;
+        ((place + BITS).to_bits() - BITS.to_bits(), [fx, fy, fz])
     }
+
+    /// What is added to the first voxel's place for the four pairs along x.
+    #[inline(always)]
+    fn rows(&self) -> [usize; 4] {
+        let [_, ay, az] = &self.axes;
+        [0, ay.to_next, az.to_next, ay.to_next + az.to_next]
+    }
+
+    /// The pairs along x of the eight voxels from a place on.
+    #[inline(always)]
+    fn corners(&self, place: u64) -> [[T; 2]; 4] {
+        let [ax, ..] = &self.axes;
+        self.rows().map(|row| {
+            let first = place as usize + row;
+            [self.samples[first], self.samples[first + ax.to_next]]
+        })
+    }
+}
+
+/// Blends pairs along x, then y, then z.
+#[inline(always)]
+fn blend<T: Sample>(corners: [[T; 2]; 4], [fx, fy, fz]: [f64; 3]) -> f64 {
+    // Both ends of a blend are exact, which a + (b - a)·f is not at f = 1.
+    let (gx, gy, gz) = (1.0 - fx, 1.0 - fy, 1.0 - fz);
+    let [a, b, c, d] = corners.map(|[first, second]| first.to_f64() * gx + second.to_f64() * fx);
+    let near = a * gy + b * fy;
+    let far = c * gy + d * fy;
+    near * gz + far * fz
 }
 
 #[cfg(test)]
