@@ -7,6 +7,7 @@ use super::regions::measure;
 use super::*;
 use crate::feature::Landmarks;
 use crate::phantom::{Phantom, SPACING};
+use crate::simd::Simd;
 use crate::space::{ContinuousIndex, Grid, GridPoint};
 use crate::volume::{Rescale, Sample, Volume};
 
@@ -304,6 +305,34 @@ fn the_same_bytes_for_any_number_of_threads() {
     };
     assert_eq!(with(1), with(2));
     assert_eq!(with(1), with(4));
+}
+
+#[test]
+fn the_same_bytes_with_any_instructions() {
+    let volume = phantom([1.0; 3]);
+    let found = Simd::compare(|_| volumes(&volume, &phantom_slabs()).map(f64::to_bits));
+    for (simd, bits) in &found {
+        assert_eq!(bits, &found[0].1, "{simd}");
+    }
+}
+
+/// What is deep in tissue, or far outside, is not looked at sheet by sheet: with bone and metal beside it, too.
+#[test]
+fn a_step_between_extremes_is_measured_as_between_ordinary_values() {
+    for (inside, outside) in [(40, -1000), (3071, -1000), (40, -1024), (31_000, -1000)] {
+        let wall = wall();
+        let samples = wall
+            .samples()
+            .mapv(|hu| if hu >= 0 { inside } else { outside });
+        let volume = Volume::new(wall.grid().clone(), Rescale::NONE, samples).unwrap();
+        let fine = measure(&volume, &slabs(20.0, 3.0, 12.0), SKIN_HU, 1).unwrap();
+        let finer = measure(&volume, &slabs(20.0, 3.0, 12.0), SKIN_HU, 24).unwrap();
+        let (fine, finer) = (fine.total(), finer.total());
+        assert!(
+            (fine / finer - 1.0).abs() < 1e-6,
+            "{inside}: {fine} {finer}"
+        );
+    }
 }
 
 /// The volume in samples of another type, with the slope and intercept that keep its HU.

@@ -1,9 +1,9 @@
 //! From half to full size with a separable, normalised Gaussian.
 
 use glam::DVec3;
-use ndarray::Axis;
 use rayon::prelude::*;
 
+use crate::simd::{Kernel, Simd};
 use crate::space::Grid;
 use crate::volume::{Rescale, Sample, Volume, VolumeError};
 
@@ -85,41 +85,137 @@ pub fn upsample<T: Sample>(
     let plane = full.plane_len();
     let taps = |n: usize, c: usize| (0..n).map(|fine| Taps::new(fine, c)).collect::<Vec<_>>();
     let (along_x, along_y, along_z) = (taps(nx, cx), taps(ny, cy), taps(nz, cz));
-    let samples = coarse.samples();
+    let across = Across::new(&along_x, cx);
+    let simd = Simd::widest();
+    let coarse = coarse.as_slice();
     full.as_mut_slice()
         .par_chunks_mut(plane)
         .zip(&along_z)
         .for_each_init(
-            || (vec![0.0; cx * cy], vec![0.0; cx]),
-            |(blended, row), (to, taps_z)| {
-                blended.fill(0.0);
-                for tap in 0..taps_z.count {
-                    let weight = taps_z.weights[tap];
-                    let from = samples.index_axis(Axis(0), taps_z.first + tap);
-                    for (sum, &value) in blended.iter_mut().zip(from.iter()) {
-                        *sum += value.to_f64() * weight;
-                    }
-                }
-                for (to, taps_y) in to.chunks_exact_mut(nx).zip(&along_y) {
-                    row.fill(0.0);
-                    for tap in 0..taps_y.count {
-                        let weight = taps_y.weights[tap];
-                        let start = (taps_y.first + tap) * cx;
-                        for (sum, &value) in row.iter_mut().zip(&blended[start..start + cx]) {
-                            *sum += value * weight;
-                        }
-                    }
-                    for (to, taps_x) in to.iter_mut().zip(&along_x) {
-                        let mut sum = 0.0;
-                        for tap in 0..taps_x.count {
-                            sum += row[taps_x.first + tap] * taps_x.weights[tap];
-                        }
-                        *to = T::from_interpolated(sum);
-                    }
-                }
+            || Scratch {
+                plane: vec![0.0; cx * cy],
+                row: vec![0.0; cx + 2 * REACH],
+                full: vec![0.0; nx],
+            },
+            |scratch, (to, along_z)| {
+                simd.run(UpsamplePlane {
+                    coarse,
+                    dims: [cx, cy],
+                    across: &across,
+                    along_y: &along_y,
+                    along_z,
+                    scratch,
+                    to,
+                });
             },
         );
     Ok(full)
+}
+
+/// Memory for one worker.
+struct Scratch {
+    /// A coarse plane, blended along z.
+    plane: Vec<f64>,
+    /// A row of it, blended along y, with [`REACH`] zeros at either end.
+    row: Vec<f64>,
+    /// The same, blended along x.
+    full: Vec<f64>,
+}
+
+/// The taps of a whole row, which is blended in order: the two fine voxels of a coarse one draw on neighbouring ones.
+struct Across {
+    /// Of fine voxels 2c and 2c + 1, for each coarse c: the weights of c - 2, …, c + 1 and of c - 1, …, c + 2. Taps beyond
+    /// the ends weigh 0.
+    even: Vec<[f64; 4]>,
+    odd: Vec<[f64; 4]>,
+    /// The last fine voxel of an odd number.
+    last: Option<Taps>,
+}
+
+impl Across {
+    fn new(taps: &[Taps], coarse: usize) -> Self {
+        let weights = |fine: usize, first: usize| {
+            // `first` counts from the zeros that the row begins with.
+            let mut weights = [0.0; 4];
+            if let Some(taps) = taps.get(fine) {
+                for tap in 0..taps.count {
+                    let place = (taps.first + tap + REACH).wrapping_sub(first);
+                    if let Some(weight) = weights.get_mut(place) {
+                        *weight = taps.weights[tap];
+                    }
+                }
+            }
+            weights
+        };
+        Self {
+            even: (0..coarse).map(|c| weights(2 * c, c)).collect(),
+            odd: (0..coarse).map(|c| weights(2 * c + 1, c + 1)).collect(),
+            last: taps.get(2 * coarse).copied(),
+        }
+    }
+}
+
+/// One plane of the full volume.
+struct UpsamplePlane<'a, C, T> {
+    coarse: &'a [C],
+    dims: [usize; 2],
+    across: &'a Across,
+    along_y: &'a [Taps],
+    along_z: &'a Taps,
+    scratch: &'a mut Scratch,
+    to: &'a mut [T],
+}
+
+impl<C: Sample, T: Sample> Kernel for UpsamplePlane<'_, C, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let [cx, cy] = self.dims;
+        let Scratch { plane, row, full } = self.scratch;
+        plane.fill(0.0);
+        for tap in 0..self.along_z.count {
+            let weight = self.along_z.weights[tap];
+            let start = (self.along_z.first + tap) * cx * cy;
+            let from = self.coarse.get(start..start + cx * cy).unwrap_or_default();
+            for (sum, &value) in plane.iter_mut().zip(from) {
+                *sum += value.to_f64() * weight;
+            }
+        }
+        for (to, taps) in self.to.chunks_exact_mut(full.len()).zip(self.along_y) {
+            let inner = &mut row[REACH..REACH + cx];
+            inner.fill(0.0);
+            for tap in 0..taps.count {
+                let weight = taps.weights[tap];
+                let start = (taps.first + tap) * cx;
+                for (sum, &value) in inner.iter_mut().zip(&plane[start..start + cx]) {
+                    *sum += value * weight;
+                }
+            }
+            let pairs = full.chunks_exact_mut(2);
+            let windows = row.windows(5);
+            let weights = self.across.even.iter().zip(&self.across.odd);
+            for ((pair, from), (even, odd)) in pairs.zip(windows).zip(weights) {
+                let (mut first, mut second) = (0.0, 0.0);
+                for tap in 0..4 {
+                    first += from[tap] * even[tap];
+                    second += from[tap + 1] * odd[tap];
+                }
+                pair[0] = first;
+                pair[1] = second;
+            }
+            if let (Some(taps), Some(last)) = (&self.across.last, full.last_mut()) {
+                let mut sum = 0.0;
+                for tap in 0..taps.count {
+                    sum += row[REACH + taps.first + tap] * taps.weights[tap];
+                }
+                *last = sum;
+            }
+            for (to, &value) in to.iter_mut().zip(full.iter()) {
+                *to = T::from_interpolated(value);
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -167,6 +263,38 @@ mod tests {
         let coarse = half(&volume).unwrap();
         let full = upsample::<i16>(&coarse, &grid, Rescale::NONE).unwrap();
         assert_eq!(full, volume);
+    }
+
+    #[test]
+    fn every_voxel_is_the_blend_of_its_taps_with_any_instructions() {
+        for dims in [[9, 12, 7], [40, 3, 2], [2, 2, 9], [33, 17, 16]] {
+            let [nx, ny, nz] = dims;
+            let grid = Grid::axis_aligned(dims, [0.5, 0.75, 2.0]).unwrap();
+            let samples = Array3::from_shape_fn((nz, ny, nx), |(z, y, x)| {
+                f64::from((x * 37 + y * 91 + z * 53) as u32 % 200)
+            });
+            let volume = Volume::new(grid.clone(), Rescale::NONE, samples).unwrap();
+            let coarse = half(&volume).unwrap();
+            let found = Simd::compare(|_| upsample::<f64>(&coarse, &grid, Rescale::NONE).unwrap());
+            for (simd, full) in &found {
+                assert_eq!(full, &found[0].1, "{simd}");
+            }
+            for ((z, y, x), &value) in found[0].1.samples().indexed_iter() {
+                let taps = |fine: usize, n: usize| {
+                    let taps = Taps::new(fine, n / 2);
+                    (0..taps.count).map(move |tap| (taps.first + tap, taps.weights[tap]))
+                };
+                let mut sum = 0.0;
+                for (z, of_z) in taps(z, nz) {
+                    for (y, of_y) in taps(y, ny) {
+                        for (x, of_x) in taps(x, nx) {
+                            sum += of_z * of_y * of_x * f64::from(coarse.samples()[[z, y, x]]);
+                        }
+                    }
+                }
+                assert!((sum - value).abs() < 1e-9, "{dims:?}: {x}, {y}, {z}");
+            }
+        }
     }
 
     #[test]

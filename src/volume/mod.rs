@@ -34,7 +34,7 @@ impl Rescale {
     };
 
     /// The Hounsfield units that a stored value stands for.
-    #[inline]
+    #[inline(always)]
     pub fn to_hu(self, stored: f64) -> f64 {
         self.slope * stored + self.intercept
     }
