@@ -8,6 +8,7 @@ use super::compose::Object;
 use super::shade::{self, Normals, Paint, Shader};
 use super::splat::{Clips, Eye, FLAT, QUAD, Splat};
 use super::squares::Squares;
+use crate::simd::{Kernel, Simd};
 use crate::surface::SemiBoundary;
 
 /// Rows of a picture that are drawn at a time: small enough for a core's cache.
@@ -87,12 +88,15 @@ impl Layer {
             .into_par_iter()
             .enumerate()
             .for_each(|(number, (rgba, depth, place, near))| {
-                painter.paint(Band {
-                    first: number * BAND,
-                    rgba,
-                    depth,
-                    place,
-                    near,
+                Simd::widest().run(PaintBand {
+                    painter: &painter,
+                    band: Band {
+                        first: number * BAND,
+                        rgba,
+                        depth,
+                        place,
+                        near,
+                    },
                 });
             });
         layer
@@ -102,6 +106,20 @@ impl Layer {
 /// Memory is slow to come by: every worker takes its share.
 fn filled<V: Copy + Send + Sync>(value: V, len: usize) -> Vec<V> {
     rayon::iter::repeat_n(value, len).collect()
+}
+
+struct PaintBand<'a, 'b> {
+    painter: &'a Painter<'b>,
+    band: Band<'a>,
+}
+
+impl Kernel for PaintBand<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.painter.paint(self.band);
+    }
 }
 
 struct Painter<'a> {
@@ -143,6 +161,7 @@ pub(super) struct Span {
 
 impl Span {
     /// The rows that a splat covers, counted from the span's first.
+    #[inline(always)]
     fn rows_of(self, splat: &Splat) -> std::ops::Range<usize> {
         let (begin, end) = splat.rows();
         let row = |row: isize| (row - self.first).clamp(0, self.rows as isize) as usize;
@@ -151,6 +170,7 @@ impl Span {
 
     /// The quads of a row that a splat covers, as places in a buffer of the span; and the first's number in
     /// its row.
+    #[inline(always)]
     fn quads_of(self, line: &Line, row: usize) -> (std::ops::Range<usize>, usize) {
         let (from, to) = line.quads();
         let base = row * self.quads;
@@ -184,6 +204,7 @@ impl Front {
         place: bits(NOTHING),
     };
 
+    #[inline(always)]
     fn places(&self) -> [u32; QUAD] {
         self.place.to_array().map(f32::to_bits)
     }
@@ -218,6 +239,7 @@ struct Drawn {
 const MIDDLES: Vec4 = Vec4::new(0.5, 1.5, 2.5, 3.5);
 
 impl Painter<'_> {
+    #[inline(always)]
     fn paint(&self, band: Band<'_>) {
         let height = band.depth.len() / self.size;
         let span = Span {
@@ -261,6 +283,7 @@ impl Painter<'_> {
     }
 
     /// Shades what was drawn into a band.
+    #[inline(always)]
     fn fill(&self, band: Band<'_>, span: Span, drawn: &Drawn) {
         let lines = (band.rgba.chunks_mut(self.size))
             .zip(band.depth.chunks_mut(self.size))
@@ -309,6 +332,7 @@ impl Painter<'_> {
     }
 
     /// The foremost disc of every pixel; of equally deep ones the first drawn.
+    #[inline(always)]
     fn fronts(&self, splats: &[Splat], span: Span) -> Vec<Front> {
         let mut fronts = vec![Front::NOTHING; span.len()];
         for splat in splats {
@@ -333,7 +357,7 @@ impl Painter<'_> {
 
     /// Gives each disc at the depth of the foremost to `add`, with the place of a quad in the span and the
     /// weights that the disc has in its pixels: they fall from 1 in its middle to 0 at its rim.
-    #[inline]
+    #[inline(always)]
     fn blend(
         &self,
         splats: &[Splat],
@@ -368,11 +392,13 @@ impl Painter<'_> {
     }
 
     /// Discs within this depth of the foremost are what is seen where that has next to no weight.
+    #[inline(always)]
     fn faint_mm(&self) -> f32 {
         3.0 * self.blend_mm
     }
 
     /// The quads that hold a pixel at an edge of depth.
+    #[inline(always)]
     fn edges(&self, fronts: &[Front], span: Span) -> Edges {
         let jump = Vec4::splat(self.edge_mm);
         let last_row = self.size as isize - 1;
@@ -428,6 +454,7 @@ impl Painter<'_> {
     }
 
     /// Depth at the samples of the pixels of the quads at edges.
+    #[inline(always)]
     fn samples(&self, splats: &[Splat], edges: &Edges, span: Span) -> Vec<[Vec4; SAMPLES.len()]> {
         let mut all = vec![[Vec4::NEG_INFINITY; SAMPLES.len()]; edges.between.len()];
         if all.is_empty() {
@@ -468,6 +495,7 @@ impl Painter<'_> {
     }
 
     /// The value of a voxel that is coloured by one; what has none is drawn as unchanged.
+    #[inline(always)]
     fn scalar(&self, place: u32) -> f32 {
         match &self.object.paint {
             Paint::Plain(_) => 0.0,
@@ -479,6 +507,7 @@ impl Painter<'_> {
     }
 
     /// What the voxels draw that reach into a span.
+    #[inline(always)]
     fn splats(&self, span: Span) -> Vec<Splat> {
         let surface = self.object.surface;
         let reach = self.eye.reach(surface);
@@ -583,7 +612,7 @@ struct Line {
 }
 
 impl Line {
-    #[inline]
+    #[inline(always)]
     fn new(splat: &Splat, row: isize) -> Self {
         let dy = row as f32 + 0.5 - splat.y;
         Self {
@@ -600,7 +629,7 @@ impl Line {
     }
 
     /// The same, moved by a part of a pixel to the right and down.
-    #[inline]
+    #[inline(always)]
     fn moved(&self, splat: &Splat, [right, down]: [f32; 2]) -> Self {
         let dy = self.dy + down;
         Self {
@@ -614,7 +643,7 @@ impl Line {
     }
 
     /// The quads with a covered pixel: first, and one after the last.
-    #[inline]
+    #[inline(always)]
     fn quads(&self) -> (usize, usize) {
         // Float to integer conversion clamps: what is left of the picture is pixel 0, NaN as well.
         let begin = self.reach.0 as u32 as usize;
@@ -627,23 +656,23 @@ impl Line {
     }
 
     /// From the disc's middle to the pixels of a quad.
-    #[inline]
+    #[inline(always)]
     fn dx(&self, quad: usize) -> Vec4 {
         self.x + Vec4::splat((quad * QUAD) as f32)
     }
 
-    #[inline]
+    #[inline(always)]
     fn q(&self, dx: Vec4) -> Vec4 {
         dx * (self.a * dx + self.b) + self.c
     }
 
-    #[inline]
+    #[inline(always)]
     fn depth(&self, dx: Vec4) -> Vec4 {
         self.z + self.zx * dx
     }
 
     /// The pixels that the disc covers.
-    #[inline]
+    #[inline(always)]
     fn covered(&self, dx: Vec4) -> BVec4A {
         let inside = self.q(dx).cmplt(Vec4::ONE);
         match self.clips {
@@ -657,7 +686,7 @@ impl Line {
 }
 
 /// Which of four places are flat ends.
-#[inline]
+#[inline(always)]
 fn flat(places: [u32; QUAD]) -> BVec4A {
     // Most quads have none.
     if places.iter().fold(0, |bits, place| bits | place) & FLAT == 0 {

@@ -83,7 +83,7 @@ impl Shader {
     }
 
     /// sRGB and opacity of 255 of four pixels, given the sums of their normals and what they are coloured by.
-    #[inline]
+    #[inline(always)]
     pub(super) fn shade(&self, paint: &Paint<'_>, quad: &Quad) -> [[u8; 4]; QUAD] {
         let normal = quad.unit_normals();
         let diffuse = self.lights.iter().fold(Vec4::splat(AMBIENT), |sum, light| {
@@ -108,7 +108,7 @@ impl Shader {
     }
 
     /// What is translucent is seen through a longer way where it is seen edge on.
-    #[inline]
+    #[inline(always)]
     fn opacity(&self, facing: Vec4) -> [u8; QUAD] {
         if self.opacity >= 1.0 {
             return [u8::MAX; QUAD];
@@ -141,7 +141,7 @@ pub(super) struct Normals {
 }
 
 impl Normals {
-    #[inline]
+    #[inline(always)]
     fn dot(&self, to: Vec3) -> Vec4 {
         self.x * to.x + self.y * to.y + self.z * to.z
     }
@@ -149,7 +149,7 @@ impl Normals {
 
 impl Quad {
     /// Of length 1; towards the viewer where there is none.
-    #[inline]
+    #[inline(always)]
     fn unit_normals(&self) -> Normals {
         let Normals { x, y, z } = self.normals;
         let inverse = (x * x + y * y + z * z).sqrt().recip();
@@ -162,7 +162,7 @@ impl Quad {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn power_32(value: Vec4) -> Vec4 {
     let mut power = value.max(Vec4::ZERO);
     for _ in 0..5 {
@@ -190,18 +190,18 @@ impl Srgb {
         })
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn linear(&self, value: u8) -> f32 {
         self.linear[usize::from(value)]
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn encode(&self, value: f32) -> u8 {
         self.encode_quad(Vec4::splat(value))[0]
     }
 
     /// Four values; what is beyond 0 and 1 as these.
-    #[inline]
+    #[inline(always)]
     fn encode_quad(&self, values: Vec4) -> [u8; QUAD] {
         // Added to a number below it, this rounds it to a whole one, which is then in its lowest bits.
         const LIFT: f32 = (1 << 23) as f32;

@@ -170,7 +170,7 @@ impl Eye {
     }
 
     /// How far from its centre what a voxel draws can reach on the picture, pixels.
-    #[inline]
+    #[inline(always)]
     pub(super) fn disc_reach(&self, voxel: BoundaryVoxel) -> f32 {
         // A flat end is half a voxel away.
         let offset = (voxel.offset_steps() * self.offset_step).max(self.longest_radius / 2.0);
@@ -178,7 +178,7 @@ impl Eye {
     }
 
     /// What a voxel draws, its centre at `at` on the picture.
-    #[inline]
+    #[inline(always)]
     pub(super) fn splats(
         &self,
         voxel: BoundaryVoxel,
@@ -222,6 +222,7 @@ impl Eye {
     /// Something a voxel thick has two surfaces, of which one normal tells one, or turns within a voxel by
     /// more than discs bridge. So its middle is drawn as well: a disc that faces the viewer, up to where the
     /// surface is known to be.
+    #[inline(always)]
     fn core(&self, normal: Vec3, seen: Vec3, offset: f32, at: Vec3, place: u32) -> Splat {
         let mut splat = self.disc(Vec3::Z, 0.0, CORE_RADIUS, at, place);
         // Of the side that is not known, the mirror image is taken.
@@ -235,7 +236,7 @@ impl Eye {
     }
 
     /// A vector of the grid, as the viewer sees it: right, up, towards the viewer.
-    #[inline]
+    #[inline(always)]
     fn seen(&self, vector: Vec3) -> Vec3 {
         Vec3::new(
             vector.dot(self.right),
@@ -245,7 +246,7 @@ impl Eye {
     }
 
     /// The disc across a normal, `offset` mm along it from a voxel's centre.
-    #[inline]
+    #[inline(always)]
     fn disc(&self, seen: Vec3, offset: f32, radius: f32, at: Vec3, place: u32) -> Splat {
         let facing = seen.z.max(LEAST_FACING);
         let centre = at
@@ -331,7 +332,7 @@ impl Eye {
 
     /// Where the disc of a voxel near the end of what is drawn reaches beyond it. `from_centre` is the way
     /// from the voxel's centre to the disc's.
-    #[inline]
+    #[inline(always)]
     fn clips(&self, index: [usize; 3], from_centre: Vec3, zx: f32, zy: f32) -> Clips {
         let Ends { first, last, .. } = self.ends;
         let mut clips = [ALL; 3];
@@ -362,7 +363,7 @@ impl Eye {
 
 impl Ends {
     /// Whether the disc of a voxel can reach beyond an end.
-    #[inline]
+    #[inline(always)]
     fn near(&self, index: [usize; 3]) -> bool {
         (0..3).any(|axis| index[axis] <= self.first[axis] + 1 || index[axis] + 1 >= self.last[axis])
     }
@@ -370,7 +371,7 @@ impl Ends {
 
 impl Splat {
     /// First row, and one after the last, that the ellipse reaches into.
-    #[inline]
+    #[inline(always)]
     pub(super) fn rows(&self) -> (isize, isize) {
         let begin = below(self.y - self.half_height);
         let end = below(self.y + self.half_height) + 1;
@@ -380,7 +381,7 @@ impl Splat {
 
 /// The next whole number below, for what is more than -2¹⁶: without the call that `floor` is on a
 /// processor that nothing more is known of.
-#[inline]
+#[inline(always)]
 fn below(value: f32) -> isize {
     const LIFT: i32 = 1 << 16;
     ((value + LIFT as f32) as i32 - LIFT) as isize

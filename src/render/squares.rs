@@ -38,6 +38,7 @@ impl<V: Copy> Squares<V> {
     }
 
     /// The values of the squares that a disc may reach into, line by line.
+    #[inline(always)]
     fn below(&self, splat: &Splat, span: Span) -> impl Iterator<Item = &[V]> {
         let square = |at: f32, last: usize| ((at.max(0.0) as usize) / SQUARE).min(last);
         let y = splat.y - span.first as f32;
@@ -63,6 +64,7 @@ impl Squares<f32> {
     }
 
     /// Whether a disc is so far behind what is foremost everywhere that it adds nothing.
+    #[inline(always)]
     pub(super) fn hide(&self, splat: &Splat, span: Span, reach_mm: f32) -> bool {
         let nearest = splat.z
             + splat.zx.abs() * splat.half_width
@@ -80,6 +82,7 @@ impl Squares<bool> {
     }
 
     /// Whether a disc may reach into one that is marked.
+    #[inline(always)]
     pub(super) fn any_below(&self, splat: &Splat, span: Span) -> bool {
         let mut lines = self.below(splat, span);
         lines.any(|line| line.contains(&true))
