@@ -175,7 +175,7 @@ fn what_keeps_runs_from_being_compared_is_told() {
     desk.write("other.nii", other);
     desk.write("more.toml", picture_plan("more", "other.nii"));
     let views = picture_plan("views", "ct.nii.gz");
-    let views = views.replace("size = 256", "size = 300") + "\n[enhance]\nsmooth = 0.5\n";
+    let views = views.replace("size = 256", "size = 300") + "\n[enhance]\nsmooth = { mm = 0.5 }\n";
     desk.write("views.toml", views.replace("skin = 0.5", "skin = 0.4"));
     desk.write("single.toml", plan_head("single", "ct.nii.gz") + UP);
     desk.write(
@@ -253,6 +253,53 @@ fn what_keeps_runs_from_being_compared_is_told() {
     );
 }
 
+#[test]
+fn more_candidates_than_are_compared_are_told_of() {
+    let desk = desk();
+    desk.write("good.toml", plan("good", "ct.nii.gz"));
+    let values: Vec<String> = (0..33)
+        .map(|n| format!("{}", f64::from(n) / 10.0))
+        .collect();
+    let sweep = format!(
+        "[[sweep]]\ncandidate = \"up\"\n\n[[sweep.vary]]\nstage = \"rotate\"\nedit = \"rotate\"\nvalues = [{}]\n",
+        values.join(", ")
+    );
+    desk.write("many.toml", plan_head("many", "ct.nii.gz") + UP + &sweep);
+    desk.run(&["run", "good.toml", "many.toml"]).expect(0);
+    let (compared, warnings) = compare(&desk, &["out/good", "out/many"]);
+    assert_eq!(pairs(&compared), [["good/both", "good/up"]]);
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(
+        warnings[0].starts_with("distances between skins are those within each run"),
+        "{warnings:?}"
+    );
+
+    desk.run(&["run", "many.toml", "--shard", "1/9"]).expect(0);
+    let (compared, warnings) = compare(&desk, &["out/many.1-of-9", "out/good"]);
+    assert_eq!(pairs(&compared), [["good/both", "good/up"]]);
+    assert_eq!(warnings.len(), 2, "{warnings:?}");
+    assert!(
+        warnings[1].contains("of a plan with more than 32 candidates keeps no skins"),
+        "{warnings:?}"
+    );
+    assert!(
+        warnings[1].contains(" and 1 more: "),
+        "three are named: {warnings:?}"
+    );
+
+    // Parts of it are as the whole, which compares none.
+    for part in 2..=9 {
+        desk.run(&["run", "many.toml", "--shard", &format!("{part}/9")])
+            .expect(0);
+    }
+    let parts: Vec<String> = (1..=9)
+        .map(|part| format!("out/many.{part}-of-9"))
+        .collect();
+    let (_, warnings) = compare(&desk, &parts.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(warnings, [""; 0]);
+    assert!(desk.files("compare") == of_all(&desk, "out/many"));
+}
+
 /// Noses of one run reach further: its cameras stand elsewhere.
 #[test]
 fn runs_in_frames_of_their_own_begin_with_their_own_nose() {
@@ -276,7 +323,7 @@ fn runs_in_frames_of_their_own_begin_with_their_own_nose() {
     assert_eq!(
         warnings,
         [
-            "on the contact sheet `far` is not framed as `good` is, because its noses reach elsewhere; each frame begins with the nose as it is"
+            "on the contact sheet `far` is not framed as `good` is, because its noses or landmarks lie elsewhere; each frame begins with the nose as it is"
         ]
     );
 }

@@ -137,7 +137,7 @@ impl<'a> Drawings<'_, 'a> {
         {
             let others = others.iter().filter_map(run_of).map(|run| run.name);
             self.warnings.push(format!(
-                "on the contact sheet {} is not framed as `{}` is, because its noses reach elsewhere; each frame begins with the nose as it is",
+                "on the contact sheet {} is not framed as `{}` is, because its noses or landmarks lie elsewhere; each frame begins with the nose as it is",
                 quoted(others),
                 run_of(first).map_or("", |run| run.name)
             ));
