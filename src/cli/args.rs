@@ -87,7 +87,12 @@ pub(super) enum Command {
         #[arg(required = true, value_name = "PLAN")]
         plans: Vec<PathBuf>,
     },
-    /// Compare the candidates of finished runs: compare.csv, compare.json, compare.md.
+    /// Compare the candidates of finished runs: tables, distances between skins, pictures.
+    ///
+    /// Writes compare.csv, compare.json and compare.md; contact-sheet.png where a run drew views; profile, volumes and
+    /// sweep (.svg, .png) where one drew charts; sweep.csv where one swept. All parts of a plan (`run --shard`) make the
+    /// same bytes as one run of it. Runs are only read; what they did not keep, or do not have in common, is left out
+    /// with a warning.
     #[command(after_help = EXIT_CODES)]
     Compare {
         /// Folders of finished plans, as `out/<plan>`.

@@ -14,8 +14,8 @@ use super::events::{Event, Observer, Phase, Silent};
 use super::kept::{self, Beside, JointNote, Keys, Outlook, Reasons, StageNote};
 use super::nose::{nose_exists, regions_hold_a_nose, skin_exists};
 use super::pictures::{
-    CandidateProfiles, PREOPERATIVE_FOLDER, PicturesError, write_charts, write_drawing,
-    write_sheets,
+    CandidateProfiles, PREOPERATIVE_FOLDER, PicturesError, SheetStart, Sheets, write_bytes,
+    write_charts, write_drawing,
 };
 use super::preflight::{Ready, output_folder};
 use super::skin::skin_hu;
@@ -550,7 +550,7 @@ fn finish<T: Sample>(
             .iter()
             .filter_map(|(_, one)| Some((one.record.name.as_str(), one.skin.as_ref()?)));
         let skins: Vec<_> = skins.collect();
-        surface_differences = clock.time(Phase::Skins, None, || differences(&skins));
+        surface_differences = clock.time(Phase::Skins, None, || differences(&skins, |_, _| true));
     }
     // Of all candidates only.
     if finished.len() == to.outlook.candidates.len() {
@@ -580,18 +580,29 @@ fn write_contact_sheets(
         // What this run drew, or what was kept by its SHA-256.
         Ok::<_, RunError>(decode_png(png.unwrap_or(&kept)).unwrap_or_default())
     };
-    let start = picture(start, &kept::start_name())?;
-    let names: Vec<&str> = finished
-        .iter()
-        .map(|(_, one)| one.record.name.as_str())
-        .collect();
-    write_sheets(staging, plan, &start, &names, |place| {
+    let start = SheetStart {
+        label: PREOPERATIVE,
+        picture: &picture(start, &kept::start_name())?,
+    };
+    let cameras = plan.views.iter().flat_map(|views| &views.cameras);
+    let columns: Vec<&str> = cameras.map(|camera| camera.name.as_str()).collect();
+    let rows = finished.iter().map(|(_, one)| (&one.record.name[..], 0));
+    let sheets = Sheets {
+        title: plan.title.as_deref().unwrap_or(&plan.name),
+        columns: &columns,
+        starts: &[start],
+        rows: &rows.collect::<Vec<_>>(),
+    };
+    let of_candidate = |place: usize| {
         let Some((at, one)) = finished.get(place) else {
             return Ok(RgbImage::default());
         };
         let candidate = &plan.candidates[*at];
         let note = kept::stage_name(candidate, candidate.stages.len() - 1);
         picture(one.tiles.as_deref(), &note)
+    };
+    sheets.draw(of_candidate, |name, png| {
+        write_bytes(staging, Path::new(name), png)
     })
 }
 
@@ -636,14 +647,14 @@ fn snap_record(plan: &Plan, found: &[SkinLandmark], grid: &Grid) -> Option<SnapR
 
 /// The folder of a stage's own outputs within the plan's: `<candidate>/<NN>-<stage>`.
 pub fn stage_folder(candidate: &Candidate, place: usize) -> PathBuf {
-    Path::new(&candidate.name).join(stage_folder_name(candidate, place))
-}
-
-/// The last part of [`stage_folder`].
-pub(super) fn stage_folder_name(candidate: &Candidate, place: usize) -> String {
     let stage = candidate.stages.get(place);
     let name = stage.map_or("", |stage| stage.name.as_str());
-    format!("{:02}-{name}", place + 1)
+    Path::new(&candidate.name).join(numbered(place, name))
+}
+
+/// The last part of [`stage_folder`], of a stage by its place from 0 and its name.
+pub(super) fn numbered(place: usize, stage: &str) -> String {
+    format!("{:02}-{stage}", place + 1)
 }
 
 /// The measures of a volume whose f1 ends at `after`'s tip and ended at `before`'s.

@@ -23,7 +23,7 @@ const INK: [u8; 3] = [236, 236, 240];
 /// A row of a contact sheet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SheetRow {
-    /// Stands at its beginning.
+    /// Stands at its beginning; what is before a slash above what is behind it.
     pub label: String,
     /// One for each column, as [`tile`] makes them.
     pub tiles: Vec<RgbImage>,
@@ -98,8 +98,19 @@ pub fn contact_sheet(
     }
     for (place, row) in rows.iter().enumerate() {
         let top = TITLE + HEADER + place as u32 * step;
-        let at = [12.0, f64::from(top + TILE / 2)];
-        write(at, &row.label, 14.0, Anchor::Start, LABELS - 24);
+        let middle = f64::from(top + TILE / 2);
+        // Of several runs: the run above what is of it.
+        let lines: Vec<&str> = row.label.splitn(2, '/').collect();
+        for (line, text) in lines.iter().enumerate() {
+            let down = 18.0 * (line as f64 - (lines.len() - 1) as f64 / 2.0);
+            write(
+                [12.0, middle + down],
+                text,
+                14.0,
+                Anchor::Start,
+                LABELS - 24,
+            );
+        }
         for (column, tile) in row.tiles.iter().take(columns.len()).enumerate() {
             let left = LABELS + column as u32 * step;
             let inside = tile
@@ -153,6 +164,19 @@ mod tests {
             "the columns"
         );
         assert!(lit(0..168, 60..316) && lit(0..168, 320..576), "the rows");
+    }
+
+    #[test]
+    fn the_name_of_a_run_stands_above_that_of_its_candidate() {
+        let lit = |label: &str| {
+            let sheet = contact_sheet("", &["frontal"], &[row(label, &[[0; 3]])]).unwrap();
+            // One line stands on 188, the middle of the row.
+            [165..176, 180..186, 191..202].map(|mut rows: std::ops::Range<u32>| {
+                rows.any(|y| (0..168).any(|x| sheet.get_pixel(x, y).0[0] > 150))
+            })
+        };
+        assert_eq!(lit("candidate"), [false, true, false]);
+        assert_eq!(lit("one/other"), [true, false, true], "two lines");
     }
 
     #[test]

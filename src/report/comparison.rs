@@ -35,7 +35,7 @@ pub struct ComparisonRecord {
     /// Which candidates are of which sweep; not there where none is of any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sweeps: Vec<Sweep>,
-    /// How far the skins of each two are apart, of candidates of the same run.
+    /// How far the skins of each two are apart.
     pub surface_differences: Vec<SurfaceDifference>,
 }
 
@@ -50,7 +50,7 @@ pub struct ComparedRun {
     pub version: String,
     /// SHA-256 of the CT, as in its `run.json`.
     pub ct_sha256: String,
-    /// Which parts of the plan it is, where candidates were shared out.
+    /// Which parts of the plan it is, where candidates were shared out and not all parts are here.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parts: Option<ComparedParts>,
     /// The limits of the plan, where it sets any.
@@ -309,31 +309,14 @@ fn write_measures(to: &mut String, candidates: &[ComparedCandidate]) -> fmt::Res
 }
 
 fn write_differences(to: &mut String, comparison: &ComparisonRecord) -> fmt::Result {
-    let joined = comparison.runs.iter().filter(|run| {
-        let parts = run.parts.as_ref();
-        parts.is_some_and(|parts| parts.given.len() > 1)
-    });
-    let joined: Vec<String> = joined.map(|run| format!("`{}`", run.name)).collect();
-    let across = (!joined.is_empty()).then(|| {
-        format!(
-            "Candidates of different parts of {} are not compared here: a part leaves no skin behind.",
-            joined.join(", ")
-        )
-    });
     if comparison.surface_differences.is_empty() {
-        return match across {
-            Some(note) => writeln!(to, "\n## Distance between skins\n\n{note}"),
-            None => Ok(()),
-        };
+        return Ok(());
     }
     writeln!(
         to,
         "\n## Distance between skins\n\nBetween the skins of two candidates after their last stages, where at least one \
          of them moved by more than 0.1 mm; what six views from outside see of the nose and its margin.\n"
     )?;
-    if let Some(note) = across {
-        writeln!(to, "{note}\n")?;
-    }
     writeln!(
         to,
         "| | | mean (mm) | 95th percentile (mm) | largest (mm) | area (mm²) |"

@@ -25,6 +25,24 @@ pub struct Region {
 }
 
 impl Region {
+    /// Whether a voxel is in it.
+    pub fn contains(&self, at: [usize; 3]) -> bool {
+        (0..3).all(|axis| self.first[axis] <= at[axis] && at[axis] <= self.last[axis])
+    }
+
+    /// What two have in common; a region that holds none where that is nothing.
+    pub fn and(&self, other: &Self) -> Self {
+        let each = |axis: usize| {
+            let first = self.first[axis].max(other.first[axis]);
+            (first, self.last[axis].min(other.last[axis]))
+        };
+        let [x, y, z] = [0, 1, 2].map(each);
+        Self {
+            first: [x.0, y.0, z.0],
+            last: [x.1, y.1, z.1],
+        }
+    }
+
     /// All of a grid.
     pub fn whole(grid: &Grid) -> Self {
         Self {

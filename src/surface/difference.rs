@@ -31,7 +31,9 @@ const H: f64 = std::f64::consts::FRAC_1_SQRT_2;
 #[derive(Debug, Clone)]
 pub struct SeenSkin {
     pub(super) surface: SemiBoundary,
-    /// For each boundary voxel, whether it lies in the region that is compared and is seen from outside.
+    /// Where it is compared.
+    pub(super) region: Region,
+    /// For each boundary voxel, whether it lies in that region and is seen from outside.
     pub(super) seen: Vec<bool>,
     /// Whether it is more than [`MOVED_MM`] from the skin before.
     pub(super) moved: Vec<bool>,
@@ -59,9 +61,10 @@ impl SeenSkin {
         let mut skin = Self {
             moved: vec![true; surface.len()],
             surface,
+            region,
             seen,
         };
-        let moved = skin.distances(before);
+        let moved = skin.distances(before, region);
         skin.moved.fill(false);
         for (place, mm, _) in moved {
             if let Some(moved) = skin.moved.get_mut(place) {
@@ -72,13 +75,10 @@ impl SeenSkin {
     }
 
     fn seen(surface: &SemiBoundary, mask: &Mask, region: Region) -> Vec<bool> {
-        let inside = |at: [usize; 3]| {
-            (0..3).all(|axis| region.first[axis] <= at[axis] && at[axis] <= region.last[axis])
-        };
         let rows = rows_with_voxels(surface).into_par_iter().map(|[y, z]| {
             let voxels = surface.row(y, z).iter();
             let seen = voxels.map(|&voxel| {
-                inside([voxel.x(), y, z])
+                region.contains([voxel.x(), y, z])
                     && !voxel.code().is_cut()
                     && is_seen(surface, voxel, [y, z], mask)
             });
@@ -87,9 +87,9 @@ impl SeenSkin {
         rows.collect::<Vec<_>>().concat()
     }
 
-    /// Of every voxel that is compared its place, the distance to `to`, mm, and its area, mm²; all that moved, or
-    /// are not where `to` is.
-    fn distances(&self, to: &SemiBoundary) -> Vec<(usize, f64, f64)> {
+    /// Of every voxel that is compared within `region` its place, the distance to `to`, mm, and its area, mm²; all that
+    /// moved, or are not where `to` is.
+    fn distances(&self, to: &SemiBoundary, region: Region) -> Vec<(usize, f64, f64)> {
         let spacing = self.surface.grid().spacing();
         let distance = SurfaceDistance::new(to, REACH_MM);
         let rows = rows_with_voxels(&self.surface);
@@ -99,7 +99,7 @@ impl SeenSkin {
             let voxels = places.zip(self.surface.row(y, z));
             let mut facing = distance.facing_in_order();
             let compared = voxels.filter_map(|(place, &voxel)| {
-                if !*self.seen.get(place)? {
+                if !*self.seen.get(place)? || !region.contains([voxel.x(), y, z]) {
                     return None;
                 }
                 let mm = if at(there, voxel.x()) == Some(voxel) {
@@ -130,11 +130,13 @@ fn rows_with_voxels(surface: &SemiBoundary) -> Vec<[usize; 2]> {
 ///
 /// The distance of a point of one skin is that to the nearest point of the other that faces the same way, so
 /// that neither the far side of a thin wall nor an airway behind it is taken for the skin. Where both
-/// skins are as before nothing is compared: no mean is made small by a face that does not change.
+/// skins are as before nothing is compared: no mean is made small by a face that does not change. Skins that were found
+/// in different regions are compared where the regions overlap.
 pub fn skin_difference(one: &SeenSkin, other: &SeenSkin) -> SkinDifference {
     let mut all: Vec<(f64, f64)> = Vec::new();
+    let region = one.region.and(&other.region);
     for (from, to) in [(one, other), (other, one)] {
-        let distances = from.distances(&to.surface).into_iter();
+        let distances = from.distances(&to.surface, region).into_iter();
         all.extend(distances.map(|(_, mm, area)| (mm, area)));
     }
     // Stable: what is equally far apart stays in the order of the voxels, for any number of threads.
@@ -234,6 +236,33 @@ pub(super) mod tests {
         before: &(SemiBoundary, Mask),
     ) -> SkinDifference {
         skin_difference(&seen(one, before), &seen(other, before))
+    }
+
+    #[test]
+    fn skins_of_different_regions_are_compared_where_both_are() {
+        let ball = |radius: f64| skin(|at| radius - (at - DVec3::new(12.0, 16.0, 16.0)).length());
+        let (before, one, other) = (ball(9.0), ball(10.0), ball(10.5));
+        let in_region = |(surface, mask): &(SemiBoundary, Mask), first, last| {
+            SeenSkin::new(surface.clone(), mask, Region { first, last }, &before.0)
+        };
+        let found = skin_difference(
+            &in_region(&one, [0, 0, 10], [30, 39, 29]),
+            &in_region(&other, [20, 0, 0], [47, 39, 25]),
+        );
+        let both = ([20, 0, 10], [30, 39, 25]);
+        let expected = skin_difference(
+            &in_region(&one, both.0, both.1),
+            &in_region(&other, both.0, both.1),
+        );
+        assert!(expected.area_mm2 > 10.0, "{expected:?}");
+        assert_eq!(found, expected);
+        let whole = skin_difference(&seen(&one, &before), &seen(&other, &before));
+        assert!(whole.area_mm2 > 2.0 * found.area_mm2, "{whole:?}");
+        let apart = skin_difference(
+            &in_region(&one, [0; 3], [10, 39, 29]),
+            &in_region(&other, [11, 0, 0], [47, 39, 29]),
+        );
+        assert_eq!((apart.area_mm2, apart.max_mm), (0.0, 0.0));
     }
 
     /// A face across y, at `y` mm.

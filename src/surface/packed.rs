@@ -6,23 +6,27 @@ use super::difference::SeenSkin;
 use super::normal::PackedNormal;
 use crate::space::Grid;
 
-const MAGIC: [u8; 8] = *b"rpskin01";
+const MAGIC: [u8; 8] = *b"rpskin02";
 /// A voxel: x, faces, offset, normal, flags.
 const VOXEL: usize = 2 + 1 + 1 + 4 + 1;
 const SEEN: u8 = 1;
 const MOVED: u8 = 2;
 
 impl SeenSkin {
-    /// The skin as bytes, little endian: dimensions, then for every row along x that has voxels its number, how
-    /// many they are, and they.
+    /// The version of what [`SeenSkin::to_bytes`] gives.
+    pub const FORMAT: [u8; 8] = MAGIC;
+
+    /// The skin as bytes, little endian: dimensions, first and last voxel of the region where it is compared, then for
+    /// every row along x that has voxels its number, how many they are, and they.
     pub fn to_bytes(&self) -> Vec<u8> {
         let surface = &self.surface;
         let [nx, ny, nz] = surface.grid().dims();
         let mut bytes = Vec::with_capacity(64 + surface.len() * (VOXEL + 1));
         bytes.extend(MAGIC);
-        for size in [nx, ny, nz] {
+        let Region { first, last } = self.region;
+        for number in [[nx, ny, nz], first, last].as_flattened() {
             // A grid has at most 65,535 voxels along an axis.
-            bytes.extend((size as u32).to_le_bytes());
+            bytes.extend((*number as u32).to_le_bytes());
         }
         for row in 0..ny * nz {
             let (y, z) = (row % ny, row / ny);
@@ -58,11 +62,18 @@ impl SeenSkin {
         if take(8)? != MAGIC {
             return None;
         }
-        let [nx, ny, nz] = grid.dims();
-        for size in [nx, ny, nz] {
-            if number(take(4)?)? != size {
-                return None;
+        let mut three = || {
+            let mut three = [0; 3];
+            for place in &mut three {
+                *place = number(take(4)?)?;
             }
+            Some(three)
+        };
+        let [nx, ny, nz] = grid.dims();
+        let (dims, first, last) = (three()?, three()?, three()?);
+        let is_within = (0..3).all(|axis| first[axis] <= last[axis] && last[axis] < dims[axis]);
+        if dims != [nx, ny, nz] || !is_within {
+            return None;
         }
         let mut rows: Vec<u32> = vec![0];
         let (mut voxels, mut seen, mut moved) = (Vec::new(), Vec::new(), Vec::new());
@@ -100,6 +111,7 @@ impl SeenSkin {
                 rows,
                 voxels,
             },
+            region: Region { first, last },
             seen,
             moved,
         })
@@ -124,6 +136,7 @@ mod tests {
         let again = SeenSkin::from_bytes(one.surface.grid(), &one.to_bytes()).unwrap();
         assert_eq!(again.surface, one.surface);
         assert_eq!((&again.seen, &again.moved), (&one.seen, &one.moved));
+        assert_eq!(again.region, one.region);
         let found = skin_difference(&one, &other);
         assert!(found.max_mm > 0.3, "{found:?}");
         assert_eq!(skin_difference(&again, &other), found);
@@ -134,11 +147,12 @@ mod tests {
         let skin = ball(9.0, 8.0);
         let bytes = skin.to_bytes();
         let grid = skin.surface.grid();
-        for cut in [0, 7, 19, 26, bytes.len() - 1] {
+        for cut in [0, 7, 19, 43, 50, bytes.len() - 1] {
             assert!(SeenSkin::from_bytes(grid, &bytes[..cut]).is_none(), "{cut}");
         }
-        // The magic, a size, a row beyond the grid, more voxels than a row holds, an x beyond the row.
-        for at in [0, 9, 23, 27, 29] {
+        // The magic, a size, a region that begins behind its end and one beyond the grid, a row beyond the grid, more
+        // voxels than a row holds, an x beyond the row.
+        for at in [0, 9, 21, 33, 47, 51, 53] {
             let mut wrong = bytes.clone();
             wrong[at] = 0xff;
             assert!(SeenSkin::from_bytes(grid, &wrong).is_none(), "{at}");

@@ -7,6 +7,7 @@
 )]
 
 mod accept;
+mod across;
 mod anatomy;
 mod check;
 mod compare;

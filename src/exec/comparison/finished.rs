@@ -1,27 +1,21 @@
-//! What finished runs left, read back: `run.json` of any place, which anyone may have written.
+//! What a finished run left, read back: `run.json` of any place, which anyone may have written.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
-use thiserror::Error;
+use serde::{Deserialize, Serialize};
 
-use super::parts::{Joined, join};
-use super::{find_sweeps, tip_move};
-use crate::compare::{Accept, Change, SurfaceDifference, Swept};
-use crate::exec::error::{ExitCode, RunError};
-use crate::feature::{Landmark, Landmarks};
-use crate::io::artifact::ArtifactError;
+use super::error::CompareError;
+use crate::compare::{Accept, SurfaceDifference, Swept};
+use crate::exec::error::RunError;
+use crate::exec::kept::Expected;
+use crate::feature::Landmarks;
 use crate::morph::audit::WarpAudit;
 use crate::plan::MAX_CANDIDATES;
-use crate::report::comparison::{
-    ComparedCandidate, ComparedParts, ComparedRun, ComparisonRecord, FORMAT,
-};
-use crate::report::record::{
-    self, FailedRecord, Measures, PREOPERATIVE, PartRecord, Program, named_measures,
-};
+use crate::report::comparison::ComparedParts;
+use crate::report::record::{self, FailedRecord, Measures, PREOPERATIVE, PartRecord};
 use crate::space::GridPoint;
 use crate::text::shown;
 
@@ -41,86 +35,11 @@ pub(super) const MAX_ERROR: usize = 1000;
 /// The longest free text, characters: a title of a plan.
 const MAX_TEXT: usize = 200;
 
-/// Why runs cannot be compared.
-#[derive(Debug, Error)]
-pub enum CompareError {
-    /// There is no record.
-    #[error("there is no finished run in `{}`: it has no run.json; give the folder of a plan, as `out/<plan>`", path.display())]
-    NoRun {
-        /// The folder given.
-        path: PathBuf,
-    },
-    /// The record cannot be read.
-    #[error("cannot read `{}`: {source}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        source: io::Error,
-    },
-    /// It is a pipe, a device, or far larger than any record.
-    #[error("`{}` is no record of a run: {problem}", path.display())]
-    NoRecord {
-        /// The file.
-        path: PathBuf,
-        /// What it is instead.
-        problem: String,
-    },
-    /// A folder is given twice.
-    #[error("`{}` and `{}` are the same folder", first.display(), second.display())]
-    Twice {
-        /// One of them.
-        first: PathBuf,
-        /// The other.
-        second: PathBuf,
-    },
-    /// One candidate or none.
-    #[error(
-        "there are not two candidates to compare; give the folders of several runs, or of one with several"
-    )]
-    TooFew,
-    /// Parts of a plan that do not make one run.
-    #[error("the parts of `{plan}` cannot be joined: {problem}")]
-    Parts {
-        /// The plan's name.
-        plan: String,
-        /// Why.
-        problem: String,
-    },
-    /// The folder to write into is a run's.
-    #[error("`{}` is the folder of a run, which holds its own comparison; choose another with --out", path.display())]
-    OfARun {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// A file cannot be written.
-    #[error(transparent)]
-    Artifact(#[from] ArtifactError),
-    /// A table cannot be made.
-    #[error(transparent)]
-    Tables(Box<RunError>),
-}
-
-impl CompareError {
-    /// What the process ends with.
-    pub fn exit_code(&self) -> ExitCode {
-        match self {
-            Self::NoRun { .. } | Self::Unreadable { .. } | Self::NoRecord { .. } => ExitCode::Input,
-            Self::Twice { .. }
-            | Self::TooFew
-            | Self::Parts { .. }
-            | Self::OfARun { .. }
-            | Self::Artifact(_) => ExitCode::Usage,
-            Self::Tables(error) => error.exit_code(),
-        }
-    }
-}
-
 /// What of a record is compared. What else it holds is not looked at, so that a later version may add to it.
 #[derive(Debug, Clone, Deserialize)]
 pub struct FinishedRun {
     pub(super) program: ProgramRead,
-    inputs: InputsRead,
+    pub(super) inputs: InputsRead,
     pub(super) plan: PlanRead,
     pub(super) part: Option<PartRecord>,
     pub(super) candidates: Vec<CandidateRead>,
@@ -128,9 +47,12 @@ pub struct FinishedRun {
     pub(super) failed: Vec<FailedRecord>,
     #[serde(default)]
     pub(super) surface_differences: Vec<SurfaceDifference>,
-    /// The parts that it was joined from.
+    /// The parts that it was joined from, where some are missing.
     #[serde(skip)]
     pub(super) parts: Option<ComparedParts>,
+    /// Where it is, or its parts are.
+    #[serde(skip)]
+    pub(super) folders: Vec<PathBuf>,
 }
 
 /// Read first: what else a record of another layout holds may mean something else.
@@ -145,65 +67,98 @@ pub(super) struct ProgramRead {
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct InputsRead {
+pub(super) struct InputsRead {
     plan_sha256: String,
     landmarks_sha256: Option<String>,
-    ct: CtRead,
+    pub ct: CtRead,
 }
 
-#[derive(Debug, Clone, Deserialize)]
-struct CtRead {
-    sha256: String,
-    grid: GridRead,
+/// All that a record says of a CT, in the same order: notes have the digest of it.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct CtRead {
+    source: String,
+    phantom: Option<String>,
+    pub sha256: String,
+    sample_type: String,
+    slope: f64,
+    intercept: f64,
+    stored_orientation: String,
+    pub grid: GridRead,
+    hu_range: [f64; 2],
 }
 
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-struct GridRead {
-    dims: [u64; 3],
-    spacing: [f64; 3],
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct GridRead {
+    pub dims: [usize; 3],
+    pub spacing: [f64; 3],
+    origin: [f64; 3],
+    direction: [[f64; 3]; 3],
+}
+
+impl GridRead {
+    /// Whether grid millimetres are the same.
+    pub fn is_like(&self, other: &Self) -> bool {
+        self.dims == other.dims && self.spacing == other.spacing
+    }
 }
 
 #[derive(Debug, Clone, Deserialize)]
 pub(super) struct PlanRead {
     pub name: String,
-    title: Option<String>,
-    landmarks_mm: Landmarks<GridPoint>,
-    segment: SegmentRead,
-    outputs: OutputsRead,
-    accept: Option<Accept>,
+    pub title: Option<String>,
+    pub landmarks_mm: Landmarks<GridPoint>,
+    pub segment: SegmentRead,
+    pub outputs: OutputsRead,
+    pub views: Option<ViewsRead>,
+    pub accept: Option<Accept>,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub(super) struct OutputsRead {
+    pub charts: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub(super) struct SegmentRead {
+    pub skin_hu: f64,
+    pub bone_hu: f64,
+    pub keep_largest: bool,
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct OutputsRead {
-    charts: bool,
+pub(super) struct ViewsRead {
+    pub cameras: Vec<CameraRead>,
 }
 
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-struct SegmentRead {
-    skin_hu: f64,
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub(super) struct CameraRead {
+    pub name: String,
 }
 
 #[derive(Debug, Clone, Deserialize)]
 pub(super) struct CandidateRead {
     pub name: String,
-    title: Option<String>,
+    pub title: Option<String>,
     #[serde(default)]
-    swept: Vec<Swept>,
-    sweep: Option<String>,
-    stages: Vec<StageRead>,
-    accept: Option<VerdictRead>,
+    pub swept: Vec<Swept>,
+    pub sweep: Option<String>,
+    pub stages: Vec<StageRead>,
+    pub accept: Option<VerdictRead>,
+    /// Where its run is.
+    #[serde(skip)]
+    pub folder: PathBuf,
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct StageRead {
-    name: String,
-    measures: Measures,
-    warp: WarpAudit,
+pub(super) struct StageRead {
+    pub name: String,
+    pub measures: Measures,
+    pub warp: WarpAudit,
 }
 
-#[derive(Debug, Clone, Deserialize)]
-struct VerdictRead {
-    accepted: bool,
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub(super) struct VerdictRead {
+    pub accepted: bool,
 }
 
 impl FinishedRun {
@@ -256,7 +211,31 @@ impl FinishedRun {
             )));
         }
         // What is wrong may repeat what is there, which may be long.
-        Self::parse(&bytes).map_err(|problem| no_record(shown(&problem, MAX_PROBLEM)))
+        let parsed = Self::parse(&bytes);
+        let mut run = parsed.map_err(|problem| no_record(shown(&problem, MAX_PROBLEM)))?;
+        for candidate in &mut run.candidates {
+            candidate.folder = folder.to_owned();
+        }
+        run.folders = vec![folder.to_owned()];
+        Ok(run)
+    }
+
+    /// How many candidates its plan has, in all parts.
+    pub(super) fn planned(&self) -> usize {
+        let here = self.candidates.len() + self.failed.len();
+        self.part.as_ref().map_or(here, |part| part.candidates)
+    }
+
+    /// What its notes have to agree with.
+    pub(super) fn expected(&self) -> Result<Expected, RunError> {
+        let SegmentRead {
+            skin_hu,
+            bone_hu,
+            keep_largest,
+        } = self.plan.segment;
+        let (ct, plan) = (&self.inputs.ct, &self.plan);
+        let segment = (skin_hu, bone_hu, keep_largest);
+        Expected::new(ct, &plan.name, &plan.landmarks_mm, segment)
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, String> {
@@ -302,6 +281,10 @@ impl FinishedRun {
             "the plan's title",
         )?;
         text(&self.inputs.plan_sha256, "the SHA-256 of the plan")?;
+        let cameras = self.plan.views.iter().flat_map(|views| &views.cameras);
+        for camera in cameras {
+            text(&camera.name, "a camera's name")?;
+        }
         let mut names = HashSet::new();
         for candidate in &self.candidates {
             name(&candidate.name, "a candidate's name")?;
@@ -367,156 +350,4 @@ fn check_part(part: &PartRecord, names: &HashSet<&str>) -> Result<(), String> {
                 .to_owned(),
         )
     }
-}
-
-/// A comparison of finished runs, and whether one that was swept asks for charts.
-pub(super) struct Comparison {
-    pub record: ComparisonRecord,
-    pub charts: bool,
-}
-
-/// The candidates of finished runs, compared.
-pub(super) fn comparison(folders: &[PathBuf]) -> Result<Comparison, CompareError> {
-    let mut given: BTreeMap<PathBuf, &PathBuf> = BTreeMap::new();
-    let mut runs = Vec::with_capacity(folders.len());
-    for folder in folders {
-        runs.push(FinishedRun::read(folder)?);
-        if let Ok(canonical) = folder.canonicalize()
-            && let Some(first) = given.insert(canonical, folder)
-        {
-            return Err(CompareError::Twice {
-                first: first.clone(),
-                second: folder.clone(),
-            });
-        }
-    }
-    let candidates: usize = runs.iter().map(|run| run.candidates.len()).sum();
-    if candidates < 2 {
-        return Err(CompareError::TooFew);
-    }
-    let Joined {
-        runs,
-        warnings: of_parts,
-    } = join(runs)?;
-    let mut record = of_runs(&runs);
-    record.warnings.splice(0..0, of_parts);
-    let charts = runs.iter().any(|run| run.plan.outputs.charts);
-    Ok(Comparison { record, charts })
-}
-
-/// The names of runs: those of their plans, numbered where several have the same.
-fn names(runs: &[FinishedRun]) -> Vec<String> {
-    let name = |run: &FinishedRun| run.plan.name.clone();
-    let numbered = runs.iter().enumerate().map(|(place, run)| {
-        let same = |other: &&FinishedRun| name(other) == name(run);
-        if runs.iter().filter(same).count() == 1 {
-            return name(run);
-        }
-        let before = runs.iter().take(place).filter(same).count();
-        format!("{}#{}", name(run), before + 1)
-    });
-    numbered.collect()
-}
-
-fn of_runs(runs: &[FinishedRun]) -> ComparisonRecord {
-    let names = names(runs);
-    let mut candidates: Vec<ComparedCandidate> = Vec::new();
-    let (mut failed, mut sweeps) = (Vec::new(), Vec::new());
-    let mut surface_differences = Vec::new();
-    for (run, run_name) in runs.iter().zip(&names) {
-        // Names of candidates have no slash.
-        let full = |name: &str| match runs.len() {
-            1 => name.to_owned(),
-            _ => format!("{run_name}/{name}"),
-        };
-        let begin = candidates.len();
-        candidates.extend(run.candidates.iter().filter_map(|candidate| {
-            let (first, last) = (candidate.stages.first()?, candidate.stages.last()?);
-            let named = |stage: &StageRead| named_measures(&stage.measures, &stage.warp);
-            let moves = candidate.stages.iter().map(|stage| stage.measures.move_mm);
-            Some(ComparedCandidate {
-                name: full(&candidate.name),
-                title: candidate.title.clone(),
-                stage: last.name.clone(),
-                accepted: candidate.accept.as_ref().map(|verdict| verdict.accepted),
-                swept: candidate.swept.clone(),
-                sweep: candidate.sweep.clone(),
-                tip_move_mm: tip_move(moves),
-                measures: Change::list(named(first), named(last)),
-            })
-        }));
-        let added = candidates.get(begin..).unwrap_or_default();
-        sweeps.extend(find_sweeps(run_name, added));
-        failed.extend(run.failed.iter().map(|of| FailedRecord {
-            candidate: full(&of.candidate),
-            error: shown(&of.error, MAX_ERROR),
-        }));
-        let pairs = run
-            .surface_differences
-            .iter()
-            .map(|pair| SurfaceDifference {
-                candidates: pair.candidates.each_ref().map(|name| full(name)),
-                ..pair.clone()
-            });
-        surface_differences.extend(pairs);
-    }
-    let compared = runs.iter().zip(&names).map(|(run, name)| ComparedRun {
-        name: name.clone(),
-        title: run.plan.title.clone(),
-        version: run.program.version.clone(),
-        ct_sha256: run.inputs.ct.sha256.clone(),
-        parts: run.parts.clone(),
-        accept: run.plan.accept.clone(),
-    });
-    ComparisonRecord {
-        format: FORMAT,
-        program: Program::THIS,
-        runs: compared.collect(),
-        warnings: warnings(runs, &names),
-        candidates,
-        failed,
-        sweeps,
-        surface_differences,
-    }
-}
-
-/// What differs between the runs besides their candidates. Changes are those of each run from its own start, so
-/// that none of it is an error.
-fn warnings(runs: &[FinishedRun], names: &[String]) -> Vec<String> {
-    let Some((first, others)) = runs.split_first() else {
-        return Vec::new();
-    };
-    let mut warnings = Vec::new();
-    let mut tell = |what: &str, differs: &dyn Fn(&FinishedRun) -> bool| {
-        let others = others.iter().zip(names.iter().skip(1));
-        let differing: Vec<String> = others
-            .filter(|(run, _)| differs(run))
-            .map(|(_, name)| format!("`{name}`"))
-            .collect();
-        if let (false, Some(name)) = (differing.is_empty(), names.first()) {
-            warnings.push(format!(
-                "{what} of {} differ from those of `{name}`",
-                differing.join(", ")
-            ));
-        }
-    };
-    let ct = |run: &FinishedRun| run.inputs.ct.sha256.clone();
-    tell("the voxels of the CT", &|run| ct(run) != ct(first));
-    tell("the size or the spacing of the grid", &|run| {
-        run.inputs.ct.grid != first.inputs.ct.grid
-    });
-    tell("the landmarks, and so the regions", &|run| {
-        let apart = |landmark: Landmark| {
-            let of = |run: &FinishedRun| run.plan.landmarks_mm.get(landmark).0;
-            (of(run) - of(first)).length() > 1e-6
-        };
-        Landmark::ALL.into_iter().any(apart)
-    });
-    tell("the skin thresholds", &|run| {
-        run.plan.segment != first.plan.segment
-    });
-    tell("the versions of the program", &|run| {
-        run.program.version != first.program.version
-    });
-    warnings
 }

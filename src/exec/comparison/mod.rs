@@ -1,8 +1,13 @@
 //! Candidates compared: those of one run at its end, and those of several finished runs.
 
+mod across;
+mod at_hand;
+mod drawings;
+mod error;
 mod finished;
 mod parts;
 mod plots;
+mod several;
 mod skins;
 
 use std::collections::HashMap;
@@ -13,7 +18,7 @@ use serde::Serialize;
 
 use super::error::RunError;
 use super::pictures::{PicturesError, png_of};
-use crate::compare::{Change, Sweep};
+use crate::compare::{Change, SurfaceDifference, Sweep};
 use crate::io::artifact::{ArtifactError, save};
 use crate::picture::PictureError;
 use crate::plan::Plan;
@@ -24,10 +29,13 @@ use crate::report::record::{CandidateRecord, FailedRecord, Program, RunRecord};
 use crate::report::sweep;
 use crate::space::GridVector;
 use crate::text::shown as shown_text;
-use finished::Comparison;
+use at_hand::{AtHand, Gaps};
+use drawings::Drawings;
 use plots::SweepPlots;
+use several::Several;
 
-pub use finished::{CompareError, FinishedRun, MAX_RECORD_BYTES};
+pub use error::CompareError;
+pub use finished::{FinishedRun, MAX_RECORD_BYTES};
 pub use skins::{MARGIN_MM, MOST_COMPARED};
 pub(super) use skins::{Skins, differences};
 
@@ -167,17 +175,15 @@ fn shown<S: serde::Serializer>(paths: &[PathBuf], to: S) -> Result<S::Ok, S::Err
     to.collect_seq(paths.iter().map(|path| path.display().to_string()))
 }
 
-/// Compares the candidates of finished runs, given by their folders, and writes `compare.csv`, `compare.json` and
-/// `compare.md` into `out`, and what runs write of sweeps, each whole or not at all. Parts of one plan are one run. What
-/// runs wrote is left alone.
+/// Compares the candidates of finished runs, given by their folders, and writes into `out` what a run writes that
+/// compares its candidates, each file whole or not at all: `compare.csv`, `compare.json` and `compare.md`, and contact
+/// sheets, charts and what there is of sweeps where runs have them. Parts of one plan are one run. What runs wrote is
+/// left alone; what they left and cannot be used is a warning.
 ///
 /// # Errors
 /// [`CompareError`], where a folder holds no finished run, or the files cannot be written.
 pub fn compare(folders: &[PathBuf], out: &Path) -> Result<CompareReport, CompareError> {
-    let Comparison {
-        record: comparison,
-        charts,
-    } = finished::comparison(folders)?;
+    let Several { runs, mut record } = several::read(folders)?;
     if out.join(finished::RECORD).exists() {
         return Err(CompareError::OfARun {
             path: out.to_owned(),
@@ -188,52 +194,85 @@ pub fn compare(folders: &[PathBuf], out: &Path) -> Result<CompareReport, Compare
         action: "create",
         source,
     })?;
+    let mut pictures = Vec::new();
+    let (found, warnings) = with_what_is_left(&runs, &record, |name, bytes| {
+        let path = out.join(name);
+        save(&path, bytes)?;
+        pictures.push(path);
+        Ok(())
+    })?;
+    record.warnings.extend(warnings);
+    across::with_found(&mut record, found);
     let mut written = Vec::new();
-    let tables = |error: RunError| CompareError::Tables(Box::new(error));
-    let files = files(&comparison).map_err(tables)?;
-    let mut files: Vec<(String, Vec<u8>)> = files
-        .into_iter()
-        .map(|(name, bytes)| (name.to_owned(), bytes))
-        .collect();
-    if charts {
-        files.extend(plot_files(&comparison).map_err(tables)?);
-    }
-    for (name, bytes) in files {
+    for (name, bytes) in files(&record)? {
         let path = out.join(name);
         save(&path, &bytes)?;
         written.push(path);
     }
+    written.extend(pictures);
     Ok(CompareReport {
         warnings: left_over(out, &written),
         files: written,
-        comparison,
+        comparison: record,
     })
 }
 
-/// The plots of a comparison of finished runs, by the names of their files.
-fn plot_files(comparison: &ComparisonRecord) -> Result<Vec<(String, Vec<u8>)>, RunError> {
-    let runs = &comparison.runs;
-    let title = match runs.as_slice() {
+/// Distances between skins that no run found itself, and pictures of the candidates of all runs, which are given away;
+/// with what is to be known of that.
+fn with_what_is_left(
+    runs: &[FinishedRun],
+    record: &ComparisonRecord,
+    mut write: impl FnMut(&str, &[u8]) -> Result<(), CompareError>,
+) -> Result<(Vec<SurfaceDifference>, Vec<String>), CompareError> {
+    let (mut gaps, mut warnings) = (Gaps::default(), Vec::new());
+    let at_hand = AtHand::new(runs, record)?;
+    let found = across::across(&at_hand, &mut gaps, &mut warnings);
+    let title = match record.runs.as_slice() {
         [run] => run.title.clone().unwrap_or_else(|| run.name.clone()),
         runs => format!("comparison of {} runs", runs.len()),
     };
+    let mut drawings = Drawings {
+        at_hand: &at_hand,
+        title: &title,
+        gaps: &mut gaps,
+        warnings: &mut warnings,
+    };
+    drawings.sheets(&mut write)?;
+    if runs.iter().any(|run| run.plan.outputs.charts) {
+        let charts = [
+            ("profile", drawings.profile()),
+            ("volumes", drawings.volumes()),
+        ];
+        let charts = charts
+            .into_iter()
+            .filter_map(|(name, svg)| Some((name.to_owned(), svg?)));
+        let plots = sweep_plots_of(record, &title).map_err(PicturesError::from)?;
+        for (name, svg) in charts.chain(plots) {
+            write(&format!("{name}.svg"), svg.as_bytes())?;
+            write(&format!("{name}.png"), &png_of(&svg)?)?;
+        }
+    }
+    warnings.extend(gaps.warnings());
+    Ok((found, warnings))
+}
+
+/// The plots of the sweeps of a comparison of finished runs, as SVG, with the names of their files without an ending.
+fn sweep_plots_of(
+    comparison: &ComparisonRecord,
+    title: &str,
+) -> Result<Vec<(String, String)>, PictureError> {
+    let runs = &comparison.runs;
     let limits = runs
         .iter()
         .filter_map(|run| Some((run.name.as_str(), run.accept.as_ref()?)));
     let plots = SweepPlots {
-        title: &title,
+        title,
         several_runs: runs.len() > 1,
         candidates: &comparison.candidates,
         sweeps: &comparison.sweeps,
         accept: limits.collect::<HashMap<_, _>>(),
     };
-    let mut files = Vec::new();
-    for (name, svg) in plots.draw().map_err(PicturesError::from)? {
-        let png = png_of(&svg)?;
-        files.push((format!("{name}.svg"), svg.into_bytes()));
-        files.push((format!("{name}.png"), png));
-    }
-    Ok(files)
+    plots.draw()
 }
 
 /// What an earlier comparison seems to have left in the folder, where this one has no such file. It may be anyone's, so
@@ -247,9 +286,10 @@ fn left_over(out: &Path, written: &[PathBuf]) -> Vec<String> {
         .filter(|path| {
             let name = path.file_name().map(|name| name.to_string_lossy());
             let name = name.unwrap_or_default();
-            let of_sweeps = name == "sweep.csv"
-                || name.starts_with("sweep") && (name.ends_with(".svg") || name.ends_with(".png"));
-            of_sweeps && !written.contains(path)
+            let is_picture = name.ends_with(".svg") || name.ends_with(".png");
+            let begins = ["sweep", "contact-sheet", "profile", "volumes"];
+            let drawn = is_picture && begins.iter().any(|begin| name.starts_with(begin));
+            (drawn || name == "sweep.csv") && !written.contains(path)
         })
         .collect();
     left.sort();

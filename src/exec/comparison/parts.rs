@@ -2,7 +2,8 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::finished::{CompareError, FinishedRun};
+use super::error::CompareError;
+use super::finished::FinishedRun;
 use crate::report::comparison::{ComparedParts, listed};
 use crate::report::record::PartRecord;
 
@@ -110,6 +111,7 @@ fn one(
         whole.candidates.extend(part.candidates);
         whole.failed.extend(part.failed);
         whole.surface_differences.extend(part.surface_differences);
+        whole.folders.extend(part.folders);
     }
     whole.candidates.sort_by_key(|of| place(&of.name));
     whole.failed.sort_by_key(|of| place(&of.candidate));
@@ -117,7 +119,8 @@ fn one(
     whole
         .surface_differences
         .sort_by_key(|of| pair(&of.candidates));
-    whole.parts = Some(ComparedParts {
+    // All parts together are a run in one go.
+    whole.parts = (!missing.is_empty()).then(|| ComparedParts {
         given: parts.iter().map(|part| part.number).collect(),
         of: first.of,
     });

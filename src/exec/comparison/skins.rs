@@ -87,14 +87,17 @@ impl Skins {
     }
 }
 
-/// How far the skins of every two candidates are apart, in the order of the plan.
-pub(in crate::exec) fn differences(skins: &[(&str, &SeenSkin)]) -> Vec<SurfaceDifference> {
-    let pairs = skins.iter().enumerate();
-    let pairs = pairs.flat_map(|(place, one)| {
-        let others = skins.iter().skip(place + 1);
-        others.map(move |other| (one, other))
-    });
-    let pairs: Vec<_> = pairs.collect();
+/// How far the skins of every two candidates are apart that are wanted by their places, in the order of the candidates.
+pub(in crate::exec) fn differences(
+    skins: &[(&str, &SeenSkin)],
+    wanted: impl Fn(usize, usize) -> bool,
+) -> Vec<SurfaceDifference> {
+    let mut pairs = Vec::new();
+    for (place, one) in skins.iter().enumerate() {
+        let others = skins.iter().enumerate().skip(place + 1);
+        let others = others.filter(|(other, _)| wanted(place, *other));
+        pairs.extend(others.map(|(_, other)| (one, other)));
+    }
     let differences = pairs
         .into_par_iter()
         .map(|((one, skin), (other, other_skin))| {

@@ -4,11 +4,12 @@ use std::path::Path;
 
 use super::{PicturesError, write_drawing};
 use crate::exec::error::RunError;
+use crate::feature::Landmarks;
 use crate::io::staging::Staging;
 use crate::measure::{MeasureError, NoseGeometry, skin_profile};
-use crate::picture::{ProfilePlot, ProfileStage, Series, VolumeChart};
+use crate::picture::{PictureError, ProfilePlot, ProfileStage, Series, VolumeChart};
 use crate::plan::Plan;
-use crate::report::record::{CandidateRecord, StageRecord};
+use crate::report::record::{CandidateRecord, Measures};
 use crate::space::{Grid, GridPoint};
 use crate::volume::Volume;
 
@@ -36,11 +37,73 @@ pub(in crate::exec) fn profile(
     skin_profile(volume, plane, heights, skin_hu)
 }
 
-/// A stage to be drawn: what it is called, what was measured, its skin.
-struct Drawn<'a> {
-    name: &'a str,
-    record: &'a StageRecord,
-    skin: &'a [GridPoint],
+/// A stage in a chart: what it is called, what was measured, its skin in the midplane.
+#[derive(Clone, Copy)]
+pub(in crate::exec) struct Charted<'a> {
+    pub name: &'a str,
+    pub measures: &'a Measures,
+    pub skin: &'a [GridPoint],
+}
+
+/// What is in charts.
+pub(in crate::exec) struct Charts<'a> {
+    pub title: &'a str,
+    pub landmarks: &'a Landmarks<GridPoint>,
+    pub grid: &'a Grid,
+    /// The nose as it is first.
+    pub stages: &'a [Charted<'a>],
+}
+
+impl Charts<'_> {
+    /// Their profiles in one plot, as SVG.
+    ///
+    /// # Errors
+    /// Those of [`ProfilePlot::svg`].
+    pub(in crate::exec) fn profile(&self) -> Result<String, PictureError> {
+        let marks = self.landmarks;
+        let stages = self.stages.iter().map(|stage| ProfileStage {
+            name: stage.name,
+            skin: stage.skin,
+            nose: NoseGeometry {
+                tip: self.grid.index_to_grid(stage.measures.tip_voxel),
+                gamma_deg: stage.measures.gamma_deg,
+                height_mm: stage.measures.height_mm,
+            },
+        });
+        let plot = ProfilePlot {
+            title: self.title,
+            nasal_bones: marks.nasal_bones,
+            lip: marks.lip,
+            base_y: marks.maxilla.0.y,
+            plane_x: ProfilePlot::middle_plane(marks.nasal_bones, marks.lip),
+            stages: &stages.collect::<Vec<_>>(),
+        };
+        plot.svg()
+    }
+
+    /// The volumes of their regions in one chart, as SVG.
+    ///
+    /// # Errors
+    /// Those of [`VolumeChart::svg`].
+    pub(in crate::exec) fn volumes(&self) -> Result<String, PictureError> {
+        let series = self.stages.iter().map(|stage| Series {
+            label: stage.name.to_owned(),
+            values: stage.measures.volume_mm3,
+        });
+        let chart = VolumeChart {
+            title: self.title,
+            subtitle: "volumes of the regions A to K",
+            series: &series.collect::<Vec<_>>(),
+        };
+        chart.svg()
+    }
+
+    fn write(&self, staging: &Staging, folder: &Path) -> Result<(), RunError> {
+        let profile = self.profile().map_err(PicturesError::from)?;
+        write_drawing(staging, &folder.join("profile"), &profile)?;
+        let volumes = self.volumes().map_err(PicturesError::from)?;
+        write_drawing(staging, &folder.join("volumes"), &volumes)
+    }
 }
 
 /// Writes `profile` and `volumes`, each as SVG and PNG: in each candidate's folder those of its stages, and
@@ -51,84 +114,37 @@ pub(in crate::exec) fn write_charts(
     grid: &Grid,
     candidates: &[CandidateProfiles<'_>],
 ) -> Result<(), RunError> {
-    let mut last: Vec<Drawn<'_>> = Vec::new();
+    let write = |folder: &str, title: &str, stages: &[Charted<'_>]| {
+        let charts = Charts {
+            title,
+            landmarks: &plan.landmarks,
+            grid,
+            stages,
+        };
+        charts.write(staging, Path::new(folder))
+    };
+    let mut last: Vec<Charted<'_>> = Vec::new();
     for CandidateProfiles {
         record: candidate,
         profiles,
     } in candidates
     {
         let stages = candidate.stages.iter().zip(profiles);
-        let mut drawn: Vec<Drawn<'_>> = stages
-            .map(|(record, skin)| Drawn {
-                name: &record.name,
-                record,
-                skin,
-            })
-            .collect();
+        let charted = stages.map(|(record, skin)| Charted {
+            name: &record.name,
+            measures: &record.measures,
+            skin,
+        });
+        let charted: Vec<Charted<'_>> = charted.collect();
         let title = candidate.title.as_deref().unwrap_or(&candidate.name);
-        write(
-            staging,
-            Path::new(&candidate.name),
-            plan,
-            grid,
-            title,
-            &drawn,
-        )?;
+        write(&candidate.name, title, &charted)?;
         if last.is_empty() {
-            last.extend(drawn.first().map(|first| Drawn { ..*first }));
+            last.extend(charted.first());
         }
-        last.extend(drawn.pop().map(|stage| Drawn {
+        last.extend(charted.last().map(|stage| Charted {
             name: &candidate.name,
-            ..stage
+            ..*stage
         }));
     }
-    let title = plan.title.as_deref().unwrap_or(&plan.name);
-    write(staging, Path::new(""), plan, grid, title, &last)
-}
-
-fn write(
-    staging: &Staging,
-    folder: &Path,
-    plan: &Plan,
-    grid: &Grid,
-    title: &str,
-    drawn: &[Drawn<'_>],
-) -> Result<(), RunError> {
-    let marks = &plan.landmarks;
-    let stages: Vec<ProfileStage<'_>> = drawn
-        .iter()
-        .map(|stage| ProfileStage {
-            name: stage.name,
-            skin: stage.skin,
-            nose: NoseGeometry {
-                tip: grid.index_to_grid(stage.record.measures.tip_voxel),
-                gamma_deg: stage.record.measures.gamma_deg,
-                height_mm: stage.record.measures.height_mm,
-            },
-        })
-        .collect();
-    let plot = ProfilePlot {
-        title,
-        nasal_bones: marks.nasal_bones,
-        lip: marks.lip,
-        base_y: marks.maxilla.0.y,
-        plane_x: ProfilePlot::middle_plane(marks.nasal_bones, marks.lip),
-        stages: &stages,
-    };
-    let svg = plot.svg().map_err(PicturesError::from)?;
-    write_drawing(staging, &folder.join("profile"), &svg)?;
-    let series: Vec<Series> = drawn
-        .iter()
-        .map(|stage| Series {
-            label: stage.name.to_owned(),
-            values: stage.record.measures.volume_mm3,
-        })
-        .collect();
-    let chart = VolumeChart {
-        title,
-        subtitle: "volumes of the regions A to K",
-        series: &series,
-    };
-    let svg = chart.svg().map_err(PicturesError::from)?;
-    write_drawing(staging, &folder.join("volumes"), &svg)
+    write("", plan.title.as_deref().unwrap_or(&plan.name), &last)
 }

@@ -5,6 +5,7 @@
 
 mod charts;
 mod framing;
+mod sheets;
 mod slices;
 mod surfaces;
 mod views;
@@ -23,10 +24,11 @@ use crate::segment::EnhanceError;
 use crate::surface::SurfaceError;
 use crate::volume::VolumeError;
 
-pub(super) use charts::{CandidateProfiles, profile, write_charts};
+pub(super) use charts::{CandidateProfiles, Charted, Charts, profile, write_charts};
 pub(super) use framing::nose_of_all;
+pub(super) use sheets::{SheetStart, Sheets};
 pub(super) use slices::write_slices;
-pub(super) use views::{Gallery, write_sheets};
+pub(super) use views::Gallery;
 
 /// The folder of the pictures of the nose as it is, within the plan's.
 pub(super) const PREOPERATIVE_FOLDER: &str = "preoperative";
@@ -64,7 +66,7 @@ pub enum PicturesError {
 }
 
 /// Puts bytes where a file of that name will be published.
-fn write_bytes(staging: &Staging, name: &Path, bytes: &[u8]) -> Result<(), RunError> {
+pub(super) fn write_bytes(staging: &Staging, name: &Path, bytes: &[u8]) -> Result<(), RunError> {
     Ok(save(&staging.begin(name)?, bytes)?)
 }
 

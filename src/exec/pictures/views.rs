@@ -11,8 +11,8 @@ use super::{PREOPERATIVE_FOLDER, PicturesError, write_bytes};
 use crate::exec::error::RunError;
 use crate::io::staging::Staging;
 use crate::picture::{
-    DivergingLegend, SheetRow, SideLetters, ViewOverlay, contact_sheet, diverging, encode_png,
-    overlay, side_by_side, strip, tile,
+    DivergingLegend, SideLetters, ViewOverlay, diverging, encode_png, overlay, side_by_side, strip,
+    tile,
 };
 use crate::plan::{Object as Drawn, Plan, Views};
 use crate::render::{BONE, Camera, Frame, Object, Paint, SKIN, render};
@@ -33,43 +33,6 @@ pub(in crate::exec) struct Gallery<'a> {
     field: Field,
     /// The views before the first operation, in the order of the cameras.
     pictures: Vec<RgbImage>,
-}
-
-/// How many candidates are on one contact sheet; more are on further ones.
-const SHEET_ROWS: usize = 20;
-
-/// Writes contact sheets: the nose as it is, then candidates, each by its name and its pictures. They are asked for
-/// one sheet at a time.
-pub(in crate::exec) fn write_sheets(
-    staging: &Staging,
-    plan: &Plan,
-    start: &RgbImage,
-    candidates: &[&str],
-    pictures: impl Fn(usize) -> Result<RgbImage, RunError>,
-) -> Result<(), RunError> {
-    let Some(views) = &plan.views else {
-        return Ok(());
-    };
-    let cameras = views.cameras.iter();
-    let columns: Vec<&str> = cameras.map(|camera| camera.name.as_str()).collect();
-    let title = plan.title.as_deref().unwrap_or(&plan.name);
-    let all: Vec<usize> = (0..candidates.len()).collect();
-    for (number, places) in all.chunks(SHEET_ROWS).enumerate() {
-        let mut rows = vec![SheetRow::new("preoperative", start)];
-        for &place in places {
-            let name = candidates.get(place).copied().unwrap_or_default();
-            rows.push(SheetRow::new(name, &pictures(place)?));
-        }
-        let name = if candidates.len() > SHEET_ROWS {
-            format!("contact-sheet-{:02}.png", number + 1)
-        } else {
-            "contact-sheet.png".to_owned()
-        };
-        let sheet = contact_sheet(title, &columns, &rows).map_err(PicturesError::from)?;
-        let png = encode_png(&sheet).map_err(PicturesError::from)?;
-        write_bytes(staging, Path::new(&name), &png)?;
-    }
-    Ok(())
 }
 
 /// A camera of the plan and what it saw.

@@ -7,7 +7,7 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::manifest::{is_plain, look_at};
+use super::manifest::{is_plain, look_at, plain_name};
 use super::{HIDDEN, KEPT};
 use crate::io::digest::sha256_hex_of_file;
 
@@ -47,6 +47,13 @@ impl Earlier {
         Self { roots }
     }
 
+    /// Of what was put in place in a folder alone.
+    pub fn published(target: &Path) -> Self {
+        Self {
+            roots: vec![target.to_owned()],
+        }
+    }
+
     /// Only those of the folders that are wanted.
     pub(super) fn retain(&mut self, wanted: impl Fn(&Path) -> bool) {
         self.roots.retain(|root| wanted(root));
@@ -57,15 +64,18 @@ impl Earlier {
         self.roots.iter().all(|root| !root.join(KEPT).is_dir())
     }
 
-    /// Every note of this name (see [`super::Staging::note`]), the published one first.
+    /// Every note of this name (see [`super::Staging::note`]), the published one first. No link is followed.
     pub fn notes(&self, name: &Path) -> Vec<Vec<u8>> {
+        let Some(name) = plain_name(&Path::new(KEPT).join(name)) else {
+            return Vec::new();
+        };
         let notes = self.roots.iter().filter_map(|root| {
-            let path = root.join(KEPT).join(name);
-            let is_file = path.symlink_metadata().is_ok_and(|found| found.is_file());
+            // A pipe is not opened: that would wait for someone to write to it.
+            let path = look_at(root, &name)?;
             let mut bytes = Vec::new();
             let mut limited = File::open(path).ok()?.take(MAX_NOTE_BYTES + 1);
             limited.read_to_end(&mut bytes).ok()?;
-            (is_file && bytes.len() as u64 <= MAX_NOTE_BYTES).then_some(bytes)
+            (bytes.len() as u64 <= MAX_NOTE_BYTES).then_some(bytes)
         });
         notes.collect()
     }

@@ -5,6 +5,8 @@
 //! the order of keys change nothing. Beside its results a run leaves a note on each stage: its key, what was
 //! measured, and the SHA-256 of its files. A note that was altered, or whose files were, counts for nothing.
 
+mod left;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::comparison::Skins;
 use super::error::RunError;
 use super::pictures::nose_of_all;
-use super::run::{stage_folder, stage_folder_name};
+use super::run::{numbered, stage_folder};
 use super::steps::Step;
 use super::surfaces;
 use crate::compare::SurfaceDifference;
@@ -29,10 +31,21 @@ use crate::plan::{Candidate, Plan};
 use crate::report::meshes::{MeshesRecord, SolidsRecord};
 use crate::report::record::{CtRecord, Measures, OperationRecord, StageRecord, SurfaceChange};
 use crate::space::GridPoint;
+use crate::surface::SeenSkin;
+pub(super) use left::{Expected, Lacks, Left};
 
 /// The version of what this program computes and draws. It goes up with every change of a number or a file, so that
 /// no result of another version is kept.
 pub const NUMERIC_VERSION: u32 = 1;
+
+/// Parts of a key that notes of finished runs are held against.
+const VERSION: &str = "the program's version";
+const CT: &str = "the CT";
+const NAME: &str = "the plan's name";
+const LANDMARKS: &str = "[landmarks]";
+const SEGMENT: &str = "[segment]";
+const ENHANCE: &str = "[enhance]";
+const VIEWS: &str = "[views]";
 
 /// What a result depends on, by the part of the plan that it is in, each as its BLAKE3.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,21 +55,18 @@ impl Key {
     /// What every result of a run depends on.
     fn of_run(plan: &Plan, skin_hu: f64, ct: &CtRecord) -> Result<Self, RunError> {
         let mut key = Self::default();
-        key.part("the program's version", &NUMERIC_VERSION)?;
-        key.part("the CT", ct)?;
-        key.part("the plan's name", &plan.name)?;
-        key.part("[landmarks]", &plan.landmarks)?;
+        key.part(VERSION, &NUMERIC_VERSION)?;
+        key.part(CT, ct)?;
+        key.part(NAME, &plan.name)?;
+        key.part(LANDMARKS, &plan.landmarks)?;
         key.part("[cage]", &Cage::new(&plan.landmarks, plan.cage_depth_mm))?;
         key.part("[f1]", &plan.f1)?;
-        key.part("[enhance]", &plan.enhance)?;
+        key.part(ENHANCE, &plan.enhance)?;
         let segment = &plan.segment;
-        key.part(
-            "[segment]",
-            &(skin_hu, segment.bone_hu, segment.keep_largest),
-        )?;
+        key.part(SEGMENT, &(skin_hu, segment.bone_hu, segment.keep_largest))?;
         key.part("[morph]", &plan.morph)?;
         key.part("[outputs]", &plan.outputs)?;
-        key.part("[views]", &plan.views)?;
+        key.part(VIEWS, &plan.views)?;
         key.part("[mesh]", &plan.mesh)?;
         if plan.outputs.views || plan.outputs.slices {
             // Every picture shows the noses of all candidates in one frame.
@@ -90,8 +100,8 @@ pub(super) struct Keys {
     /// For each candidate of the plan, for each stage.
     pub stages: Vec<Vec<Key>>,
     pub joint: Key,
-    /// What the skins of candidates depend on beside that: the box that they are compared in. None where they are
-    /// not compared.
+    /// What the skins of candidates depend on beside that: the box that they are compared in, and how they are written.
+    /// None where they are not compared.
     pub skins: Option<String>,
 }
 
@@ -114,7 +124,7 @@ impl Keys {
             .map(|candidate| Self::of_candidate(plan, candidate, &run))
             .collect::<Result<Vec<_>, _>>()?;
         let skins = if Skins::are_wanted(plan) {
-            let text = serde_json::to_vec(&nose_of_all(plan))?;
+            let text = serde_json::to_vec(&(SeenSkin::FORMAT, nose_of_all(plan)))?;
             Some(blake3::hash(&text).to_hex().to_string())
         } else {
             None
@@ -316,9 +326,16 @@ pub(super) fn joint_name() -> PathBuf {
 }
 
 pub(super) fn stage_name(candidate: &Candidate, place: usize) -> PathBuf {
-    let mut name = stage_folder_name(candidate, place);
+    let stage = candidate.stages.get(place);
+    let stage = stage.map_or("", |stage| stage.name.as_str());
+    stage_name_of(&candidate.name, place, stage)
+}
+
+/// The name of the note on a stage, by the names in the plan and its place from 0.
+fn stage_name_of(candidate: &str, place: usize, stage: &str) -> PathBuf {
+    let mut name = numbered(place, stage);
     name.push_str(".json");
-    Path::new(&candidate.name).join(name)
+    Path::new(candidate).join(name)
 }
 
 /// Looks for a result of an earlier run.
