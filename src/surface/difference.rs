@@ -172,25 +172,26 @@ fn area(voxel: BoundaryVoxel, spacing: DVec3) -> f64 {
 /// Whether one of [`VIEWS`] sees the voxel past everything else of the object.
 fn is_seen(surface: &SemiBoundary, voxel: BoundaryVoxel, [y, z]: [usize; 2], mask: &Mask) -> bool {
     let spacing = surface.grid().spacing();
+    let (last, dims) = (surface.grid().last_index(), surface.grid().dims());
     let normal = voxel.normal().as_dvec3();
     // Clear of the surface itself, whose voxels stand out by up to one.
     let from = surface.surface_point(voxel, y, z).0 + normal * (1.5 * spacing.max_element());
     VIEWS.iter().any(|&view| {
-        let mut index = from / spacing;
+        // Voxels and half a voxel, so that the whole part is the nearest.
+        let mut at = from / spacing + 0.5;
         let step = view * spacing.min_element() / spacing;
         normal.dot(view) > 0.0
             && loop {
-                let nearest = index.round();
-                let in_grid = nearest.cmpge(DVec3::ZERO).all()
-                    && nearest.cmple(surface.grid().last_index()).all();
+                let in_grid = at.cmpge(DVec3::ZERO).all() && at.cmplt(last + 1.0).all();
                 if !in_grid {
                     break true;
                 }
-                let [x, y, z] = nearest.to_array().map(|at| at as usize);
+                // Truncated; in the grid, as was just seen, but for a rounding at its very end.
+                let [x, y, z] = [0, 1, 2].map(|axis| (at[axis] as usize).min(dims[axis] - 1));
                 if mask.contains(x, y, z) {
                     break false;
                 }
-                index += step;
+                at += step;
             }
     })
 }

@@ -11,6 +11,9 @@ use crate::space::GridPoint;
 pub struct SurfaceDistance<'a> {
     surface: &'a SemiBoundary,
     reach_mm: f64,
+    spacing: DVec3,
+    /// That of the surface: asked for at every voxel.
+    offset_step: f64,
     /// How far a surface point can be from the centre of its voxel, mm.
     slack: f64,
 }
@@ -29,6 +32,8 @@ impl<'a> SurfaceDistance<'a> {
         Self {
             surface,
             reach_mm,
+            spacing: surface.grid().spacing(),
+            offset_step: surface.offset_step(),
             // As far as a stored offset reaches: 127 steps of a hundredth of this.
             slack: 1.27 * surface.grid().spacing().max_element(),
         }
@@ -69,7 +74,7 @@ impl<'a> SurfaceDistance<'a> {
         let from = point - nearest.point;
         let along = from.dot(nearest.normal);
         let across = (from.length_squared() - along * along).max(0.0).sqrt();
-        if across <= self.surface.grid().spacing().max_element() {
+        if across <= self.spacing.max_element() {
             along
         } else {
             nearest.squared.sqrt().copysign(along)
@@ -77,10 +82,12 @@ impl<'a> SurfaceDistance<'a> {
     }
 
     fn candidate(&self, voxel: BoundaryVoxel, y: usize, z: usize, from: DVec3) -> Nearest {
-        let point = self.surface.surface_point(voxel, y, z).0;
+        let centre = DVec3::new(voxel.x() as f64, y as f64, z as f64) * self.spacing;
+        let normal = voxel.normal().as_dvec3();
+        let point = centre + normal * (f64::from(voxel.offset) * self.offset_step);
         Nearest {
             point,
-            normal: voxel.normal().as_dvec3(),
+            normal,
             squared: (point - from).length_squared(),
         }
     }
@@ -94,18 +101,15 @@ impl<'a> SurfaceDistance<'a> {
         facing: Option<DVec3>,
         guess: Option<Nearest>,
     ) -> Option<Nearest> {
-        let grid = self.surface.grid();
-        let spacing = grid.spacing();
-        let [_, ny, nz] = grid.dims();
-        let centre = (from / spacing).round();
+        let [_, ny, nz] = self.surface.grid().dims();
+        let centre = (from / self.spacing).round();
         let (cy, cz) = (centre.y as isize, centre.z as isize);
-        let mut best: Option<Nearest> = guess;
-        let least = spacing.y.min(spacing.z);
+        let least = self.spacing.y.min(self.spacing.z);
         let rings = ny.max(nz) as isize;
+        let mut search = Search::new(self, from, facing, guess);
         for ring in 0..=rings {
-            let limit = best.map_or(self.reach_mm, |best| best.squared.sqrt());
             // The nearest that a row of this ring can be, half a voxel of rounding allowed for.
-            if (ring as f64 - 0.5) * least > limit + self.slack {
+            if (ring as f64 - 0.5) * least > search.limit + self.slack {
                 break;
             }
             for dz in -ring..=ring {
@@ -116,66 +120,104 @@ impl<'a> SurfaceDistance<'a> {
                     let (y, z) = (cy + dy, cz + dz);
                     dy += step;
                     if let (Ok(y), Ok(z)) = (usize::try_from(y), usize::try_from(z)) {
-                        self.search_row(y, z, from, facing, &mut best);
+                        search.row(y, z);
                     }
                 }
             }
         }
-        best.filter(|best| best.squared <= self.reach_mm * self.reach_mm)
+        let reach2 = self.reach_mm * self.reach_mm;
+        search.best.filter(|best| best.squared <= reach2)
     }
+}
 
-    fn search_row(
-        &self,
-        y: usize,
-        z: usize,
+/// The nearest point so far.
+struct Search<'a> {
+    on: &'a SurfaceDistance<'a>,
+    from: DVec3,
+    /// Along x, in voxels.
+    x: f64,
+    facing: Option<DVec3>,
+    best: Option<Nearest>,
+    /// How far it is, or the reach; and that with what a surface point can be from its voxel's centre, squared.
+    limit: f64,
+    window: f64,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        on: &'a SurfaceDistance<'a>,
         from: DVec3,
         facing: Option<DVec3>,
-        best: &mut Option<Nearest>,
-    ) {
-        let row = self.surface.row(y, z);
-        if row.is_empty() {
-            return;
-        }
-        let spacing = self.surface.grid().spacing();
-        let (dy, dz) = (y as f64 * spacing.y - from.y, z as f64 * spacing.z - from.z);
+        best: Option<Nearest>,
+    ) -> Self {
+        let mut search = Self {
+            on,
+            from,
+            x: from.x / on.spacing.x,
+            facing,
+            best,
+            limit: 0.0,
+            window: 0.0,
+        };
+        search.limit_to(best.map_or(on.reach_mm, |best| best.squared.sqrt()));
+        search
+    }
+
+    fn limit_to(&mut self, mm: f64) {
+        self.limit = mm;
+        self.window = (mm + self.on.slack) * (mm + self.on.slack);
+    }
+
+    /// Looks at the voxels of a row, from the one next to the point outwards.
+    #[inline]
+    fn row(&mut self, y: usize, z: usize) {
+        let spacing = self.on.spacing;
+        let (dy, dz) = (
+            y as f64 * spacing.y - self.from.y,
+            z as f64 * spacing.z - self.from.z,
+        );
         let across = dy * dy + dz * dz;
-        // Voxel centres within `half` of the point along x can still be nearer than the best.
-        let half = |best: &Option<Nearest>| {
-            let limit = best.map_or(self.reach_mm, |best| best.squared.sqrt()) + self.slack;
-            limit * limit - across
-        };
-        let mut window = half(best);
-        if window < 0.0 {
+        if across > self.window {
             return;
         }
-        let at = from.x / spacing.x;
-        let begin = row.partition_point(|voxel| (voxel.x() as f64) < at);
-        let mut try_voxel = |voxel: BoundaryVoxel| {
-            let dx = voxel.x() as f64 * spacing.x - from.x;
-            if dx * dx > window {
-                return false;
-            }
-            let found = self.candidate(voxel, y, z, from);
-            // What the end of the scan lays open faces nowhere.
-            let counts = facing
-                .is_none_or(|facing| !voxel.code().is_cut() && found.normal.dot(facing) > 0.0);
-            if counts && best.is_none_or(|best| found.squared < best.squared) {
-                *best = Some(found);
-                window = half(best);
-            }
-            true
-        };
+        let row = self.on.surface.row(y, z);
+        let begin = row.partition_point(|voxel| (voxel.x() as f64) < self.x);
         let (left, right) = row.split_at(begin);
         for &voxel in left.iter().rev() {
-            if !try_voxel(voxel) {
+            if !self.voxel(voxel, y, z, across) {
                 break;
             }
         }
         for &voxel in right {
-            if !try_voxel(voxel) {
+            if !self.voxel(voxel, y, z, across) {
                 break;
             }
         }
+    }
+
+    /// Looks at a voxel; whether one beyond it can still be nearer than the best.
+    #[inline]
+    fn voxel(&mut self, voxel: BoundaryVoxel, y: usize, z: usize, across: f64) -> bool {
+        let dx = voxel.x() as f64 * self.on.spacing.x - self.from.x;
+        let centre = dx * dx + across;
+        if centre > self.window {
+            return false;
+        }
+        // So far at most is its own surface point from its centre; a step more for rounding.
+        let offset = f64::from(voxel.offset.unsigned_abs()) + 1.0;
+        let reach = self.limit + offset * self.on.offset_step;
+        if centre > reach * reach {
+            return true;
+        }
+        let found = self.on.candidate(voxel, y, z, self.from);
+        // What the end of the scan lays open faces nowhere.
+        let faces = |facing| !voxel.code().is_cut() && found.normal.dot(facing) > 0.0;
+        let counts = self.facing.is_none_or(faces);
+        if counts && self.best.is_none_or(|best| found.squared < best.squared) {
+            self.best = Some(found);
+            self.limit_to(found.squared.sqrt());
+        }
+        true
     }
 }
 
