@@ -8,7 +8,6 @@
 use glam::DVec3;
 
 use super::EPSILON;
-use super::pair::Segment;
 use super::stage::{StageMap, Taper, fade};
 use crate::space::GridPoint;
 
@@ -67,11 +66,7 @@ impl StageMap {
         };
         self.taper.as_ref().is_none_or(small)
             && far(self.f1.distance(centre))
-            && self
-                .cage
-                .edges()
-                .iter()
-                .all(|&(start, end)| far(Segment::new(start, end).distance(centre)))
+            && self.still().all(|line| far(line.distance(centre)))
     }
 
     /// Bounds over the ball of `radius` about `centre`, in the model's units.
@@ -114,8 +109,8 @@ impl StageMap {
         let mut least = 0.0;
         let (mut s2, mut s3, mut s4) = (0.0, 0.0, 0.0);
         let mut touches = nearest <= EPSILON;
-        for (start, end) in self.cage.edges() {
-            let distance = Segment::new(start, end).distance(centre);
+        for line in self.still() {
+            let distance = line.distance(centre);
             let nearest = (distance - radius).max(0.0);
             // Nearer than ε the second derivative of the distance outweighs the rest.
             touches |= nearest <= EPSILON;

@@ -21,7 +21,7 @@ use glam::DVec3;
 
 use super::bounds::Bend;
 use super::chain::Chain;
-use super::tile::{TILE, Tile};
+use super::tile::{TILE, Tile, row_of, trilinear};
 use super::{LANES, Points};
 
 /// The share of the tolerance that the points checked in a cell far from every line may use. Over wild
@@ -175,6 +175,10 @@ pub(super) fn fill(
             .then(|| scratch.corners_if_within(chain, origin, at, half, metric, limit))
             .flatten();
         if let Some(corners) = corners {
+            if side == ROOT {
+                tile.set_cell(corners);
+                return;
+            }
             interpolate(tile, at, side, dims, &corners);
             continue;
         }
@@ -243,14 +247,6 @@ fn eighth_centres(at: [usize; 3], half: usize) -> [[usize; 3]; 8] {
     })
 }
 
-#[inline(always)]
-fn trilinear(corners: &[DVec3; 8], [x, y, z]: [f64; 3]) -> DVec3 {
-    let along_x = |pair: usize| corners[pair] + (corners[pair + 1] - corners[pair]) * x;
-    let front = along_x(0) + (along_x(2) - along_x(0)) * y;
-    let back = along_x(4) + (along_x(6) - along_x(4)) * y;
-    front + (back - front) * z
-}
-
 /// Fills the voxels of a cell from its corners.
 #[inline(always)]
 fn interpolate(
@@ -260,13 +256,10 @@ fn interpolate(
     dims: [usize; 3],
     corners: &[DVec3; 8],
 ) {
-    let step = 1.0 / side as f64;
     let count = |axis: usize| side.min(dims[axis] - at[axis]);
     for z in 0..count(2) {
         for y in 0..count(1) {
-            let (v, w) = (y as f64 * step, z as f64 * step);
-            let first = trilinear(corners, [0.0, v, w]);
-            let along = (trilinear(corners, [1.0, v, w]) - first) * step;
+            let (first, along) = row_of(corners, side, y, z);
             let row = Tile::row(at[1] + y, at[2] + z).start + at[0];
             let n = count(0);
             for (x, to) in tile.x[row..row + n].iter_mut().enumerate() {

@@ -38,6 +38,12 @@ impl Segment {
         (to - along * place).length()
     }
 
+    /// Where it begins, the vector to its end, and [`Segment::inverse_length2`].
+    #[inline(always)]
+    pub(super) fn parts(&self) -> (DVec3, DVec3, f64) {
+        (self.start, self.end - self.start, self.inverse_length2())
+    }
+
     /// 1/|AB|²; 0 for a point feature, of which the start is then the nearest place to everything.
     #[inline]
     pub(super) fn inverse_length2(&self) -> f64 {

@@ -61,6 +61,8 @@ pub struct StageMap {
     pub(super) pair: PairMap,
     pub(super) cage: Cage,
     pub(super) taper: Option<Taper>,
+    /// Lines that hold still beside f2..f9, in the model's units.
+    pub(super) held: Vec<Segment>,
 }
 
 /// A stage's lines and the cage, in grid millimetres.
@@ -118,6 +120,7 @@ impl StageMap {
                 max: to_units(GridPoint(lines.cage.max)),
             },
             taper: None,
+            held: Vec::new(),
         })
     }
 
@@ -140,7 +143,23 @@ impl StageMap {
             pair,
             cage: lines.cage,
             taper: Some(taper),
+            held: Vec::new(),
         })
+    }
+
+    /// Adds lines that are the same in source and target, given in the model's units: they hold what is near them as
+    /// f2..f9 do. No plan has such lines.
+    #[must_use]
+    pub fn holding(mut self, lines: impl IntoIterator<Item = Segment>) -> Self {
+        self.held.extend(lines);
+        self
+    }
+
+    /// f2..f9 and what else holds still.
+    pub(super) fn still(&self) -> impl Iterator<Item = Segment> + '_ {
+        let cage = self.cage.edges().into_iter();
+        cage.map(|(start, end)| Segment::new(start, end))
+            .chain(self.held.iter().copied())
     }
 
     /// Whether no point moves.
@@ -156,7 +175,8 @@ impl StageMap {
     /// The nine lines as a general sum, in the model's units: the reference for the short form. The
     /// taper is not part of it.
     pub fn as_line_sum(&self) -> LineSum {
-        LineSum::of(self.f1, self.pair).with_fixed_lines(self.cage.edges())
+        let still = self.still().map(|line| (line.start, line.end));
+        LineSum::of(self.f1, self.pair).with_fixed_lines(still)
     }
 
     /// Units of the model for each voxel of the lattice.
@@ -211,6 +231,7 @@ impl StageMap {
         let along = self.f1.end - self.f1.start;
         let inverse_length2 = self.f1.inverse_length2();
         let (a, lo, hi) = (self.f1.start, self.cage.min, self.cage.max);
+        let further = self.further_weights(units);
         let mut strength = [0.0; LANES];
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
@@ -242,7 +263,7 @@ impl StageMap {
                     weight(bz2 + y2 + x_hi2),
                 )
             };
-            let held = by_face(lo.y) + by_face(hi.y);
+            let held = by_face(lo.y) + by_face(hi.y) + further[lane];
             // w₁ / (w₁ + Σ) with numerator and denominator multiplied by (d₁ + ε)².
             strength[lane] = 1.0 / (1.0 + reach * reach * held);
         }
@@ -257,6 +278,56 @@ impl StageMap {
             }
         }
         strength
+    }
+
+    /// Σ (d + ε)⁻² over the lines that hold still beside f2..f9.
+    #[inline(always)]
+    fn further_weights(&self, units: &Points) -> [f64; LANES] {
+        let mut weights = [0.0; LANES];
+        for line in &self.held {
+            let (a, along, inverse_length2) = line.parts();
+            for lane in 0..LANES {
+                let (ax, ay, az) = (
+                    units.x[lane] - a.x,
+                    units.y[lane] - a.y,
+                    units.z[lane] - a.z,
+                );
+                let place = (ax * along.x + ay * along.y + az * along.z) * inverse_length2;
+                let place = smaller(larger(place, 0.0), 1.0);
+                let (rx, ry, rz) = (
+                    ax - place * along.x,
+                    ay - place * along.y,
+                    az - place * along.z,
+                );
+                let reach = (rx * rx + ry * ry + rz * rz).sqrt() + EPSILON;
+                weights[lane] += 1.0 / (reach * reach);
+            }
+        }
+        weights
+    }
+
+    /// The same, with the gradient of the sum.
+    #[inline(always)]
+    fn further_gradients(&self, units: &Points) -> [Weight; LANES] {
+        let mut weights = [Weight::NONE; LANES];
+        for line in &self.held {
+            let (a, along, inverse_length2) = line.parts();
+            for lane in 0..LANES {
+                let (ax, ay, az) = (
+                    units.x[lane] - a.x,
+                    units.y[lane] - a.y,
+                    units.z[lane] - a.z,
+                );
+                let place = (ax * along.x + ay * along.y + az * along.z) * inverse_length2;
+                let place = smaller(larger(place, 0.0), 1.0);
+                weights[lane] = weights[lane].and(Weight::of(
+                    ax - place * along.x,
+                    ay - place * along.y,
+                    az - place * along.z,
+                ));
+            }
+        }
+        weights
     }
 
     /// Moves target positions to their sources and multiplies `determinants` by the Jacobian determinant
@@ -313,6 +384,7 @@ impl StageMap {
         let (a, lo, hi) = (self.f1.start, self.cage.min, self.cage.max);
         let mut strength = [0.0; LANES];
         let mut gradient = Points::ZERO;
+        let further = self.further_gradients(units);
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
             let (ax, ay, az) = (x - a.x, y - a.y, z - a.z);
@@ -332,7 +404,7 @@ impl StageMap {
                 let left = Weight::of(x - hi.x, y, out_z);
                 below.and(above).and(right.and(left))
             };
-            let held = by_face(lo.y).and(by_face(hi.y));
+            let held = by_face(lo.y).and(by_face(hi.y)).and(further[lane]);
             let inverse_total = 1.0 / (f1.weight + held.weight);
             strength[lane] = f1.weight * inverse_total;
             // (w₁'Σ − w₁Σ')/Σ², written so that the terms of w₁' cancel before they are computed.
@@ -408,6 +480,13 @@ struct Weight {
 }
 
 impl Weight {
+    const NONE: Self = Self {
+        weight: 0.0,
+        x: 0.0,
+        y: 0.0,
+        z: 0.0,
+    };
+
     /// (d + ε)⁻² for the vector from the nearest point of a line.
     #[inline(always)]
     fn of(x: f64, y: f64, z: f64) -> Self {

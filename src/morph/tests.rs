@@ -10,7 +10,7 @@ use super::chain::{Chain, Lattice};
 use super::field::{Evaluation, Field};
 use super::halfscale::CoarseDisplacement;
 use super::inverse::{ClosedForm, Forward, Inverse, Sampled, TOLERANCE};
-use super::pair::Frame;
+use super::pair::{Frame, Segment};
 use super::reference::LineSum;
 use super::stage::{StageLines, StageMap, Taper};
 use super::warp::warp;
@@ -635,6 +635,60 @@ proptest! {
 }
 
 /// Ordinary and extreme edits of a nose, for the true error of the adaptive method.
+/// Fifty short lines in and around the nose, from a seed.
+fn fifty_lines() -> Vec<Segment> {
+    let mut state = 7_u64;
+    let mut next = |from: f64, to: f64| {
+        state = state
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        from + (to - from) * (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let mut point = || DVec3::new(next(5.0, 85.0), next(10.0, 80.0), next(5.0, 80.0));
+    (0..50)
+        .map(|_| {
+            let start = point();
+            Segment::new(start, start + (point() - start) * 0.2)
+        })
+        .collect()
+}
+
+#[test]
+fn further_lines_that_hold_still_are_part_of_the_sum() {
+    let full = Lattice::full(&grid());
+    let (source, target) = (preoperative(), moved([6.0, 4.0, -5.0]));
+    let nose = taper(&source, &target).nose;
+    for map in all_maps(source, target) {
+        let map = map.holding(fifty_lines());
+        let (sum, tapers) = (map.as_line_sum(), map.taper().is_some());
+        let chain = Chain::from(map.clone());
+        if !tapers {
+            for at in [DVec3::new(45.0, 20.0, 30.0), DVec3::new(60.0, 41.0, 9.0)] {
+                let expected = map.to_units(at) + sum.displacement(map.to_units(at));
+                let found = map.to_units(source_of(&chain, at));
+                assert!((found - expected).length() < 1e-9, "{found} {expected}");
+            }
+        }
+        // The gradient is that of this sum, and the octree keeps its tolerance.
+        let step = 1e-4;
+        let at = DVec3::new(48.0, 21.0, 28.0);
+        let along = |axis: DVec3| {
+            (source_of(&chain, at + axis * step) - source_of(&chain, at - axis * step))
+                / (2.0 * step)
+        };
+        let expected = DMat3::from_cols(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
+        let mut determinants = [1.0; LANES];
+        chain.to_source_with_jacobian(&mut Points::splat(at), &mut determinants);
+        assert!((determinants[0] / expected.determinant() - 1.0).abs() < 1e-5);
+        let exact = Field::evaluated(full, &chain, Evaluation::Exact);
+        let adaptive = Field::evaluated(full, &chain, adaptive_mm(0.05));
+        let found = FieldDifference::new(&textured(), &exact, &adaptive);
+        assert!(found.position_max_mm <= 0.05, "{found:?}");
+        assert!(found.position_max_mm > 0.0);
+        assert!(WarpAudit::new(&chain, &full, &nose).displacement_max_mm > 0.5);
+    }
+}
+
 fn plausible_edit() -> impl Strategy<Value = [f64; 3]> {
     [-10.0..10.0, -8.0..12.0, -8.0..8.0]
 }

@@ -3,19 +3,19 @@
 use glam::DVec3;
 use ndarray::{ArrayViewMut3, Axis};
 
-use super::LANES;
 use super::chain::VoxelBox;
+use super::{LANES, Points};
 
 /// Side of a tile, in voxels: a row is [`LANES`] positions.
 pub const TILE: usize = LANES;
-
-/// One row of positions, by axis.
-pub(super) type Lanes<'a> = (&'a [f64; LANES], &'a [f64; LANES], &'a [f64; LANES]);
 
 /// Source positions of the voxels of one tile, in voxels of its lattice.
 #[derive(Debug)]
 pub struct Tile {
     voxels: VoxelBox,
+    /// The corners of a tile that is a single cell, a voxel beyond its last. Its positions are interpolated when they are
+    /// asked for: writing them and reading them again takes longer.
+    cell: Option<[DVec3; 8]>,
     pub(super) x: Vec<f64>,
     pub(super) y: Vec<f64>,
     pub(super) z: Vec<f64>,
@@ -27,6 +27,7 @@ impl Tile {
         let room = || vec![0.0; TILE * TILE * TILE];
         Self {
             voxels: VoxelBox::EMPTY,
+            cell: None,
             x: room(),
             y: room(),
             z: room(),
@@ -41,6 +42,12 @@ impl Tile {
     pub(super) fn begin(&mut self, voxels: VoxelBox) {
         debug_assert!(voxels.dims().iter().all(|&n| n <= TILE));
         self.voxels = voxels;
+        self.cell = None;
+    }
+
+    /// Makes all of the tile a cell with these corners, x fastest.
+    pub(super) fn set_cell(&mut self, corners: [DVec3; 8]) {
+        self.cell = Some(corners);
     }
 
     /// Place in the arrays of the row at (y, z) from the tile's start.
@@ -52,25 +59,40 @@ impl Tile {
 
     /// The source positions of the row at (y, z) from the tile's start, by axis. Those past the tile's end mean
     /// nothing.
-    #[inline]
-    pub(super) fn lanes(&self, y: usize, z: usize) -> Option<Lanes<'_>> {
+    #[inline(always)]
+    pub(super) fn lanes(&self, y: usize, z: usize) -> Option<Points> {
+        if let Some(corners) = &self.cell {
+            let (first, along) = row_of(corners, TILE, y, z);
+            let mut points = Points::ZERO;
+            for lane in 0..LANES {
+                points.x[lane] = first.x + along.x * lane as f64;
+                points.y[lane] = first.y + along.y * lane as f64;
+                points.z[lane] = first.z + along.z * lane as f64;
+            }
+            return Some(points);
+        }
         let row = Self::row(y, z);
-        Some((
-            one_row(&self.x, &row)?,
-            one_row(&self.y, &row)?,
-            one_row(&self.z, &row)?,
-        ))
+        Some(Points {
+            x: *one_row(&self.x, &row)?,
+            y: *one_row(&self.y, &row)?,
+            z: *one_row(&self.z, &row)?,
+        })
     }
 
     /// The source position of the voxel at an offset from the tile's start.
     #[inline]
     pub fn get(&self, [x, y, z]: [usize; 3]) -> DVec3 {
+        if let Some(corners) = &self.cell {
+            let (first, along) = row_of(corners, TILE, y, z);
+            return first + along * x as f64;
+        }
         let place = (z * TILE + y) * TILE + x;
         DVec3::new(self.x[place], self.y[place], self.z[place])
     }
 
     #[inline]
     pub(super) fn set(&mut self, [x, y, z]: [usize; 3], at: DVec3) {
+        debug_assert!(self.cell.is_none());
         let place = (z * TILE + y) * TILE + x;
         self.x[place] = at.x;
         self.y[place] = at.y;
@@ -88,6 +110,24 @@ impl Tile {
         let start = self.voxels.start;
         DVec3::from_array([0, 1, 2].map(|axis| (start[axis] + offset[axis]) as f64))
     }
+}
+
+/// Interpolates between the corners of a cell, x fastest, at a share of its sides.
+#[inline(always)]
+pub(super) fn trilinear(corners: &[DVec3; 8], [x, y, z]: [f64; 3]) -> DVec3 {
+    let along_x = |pair: usize| corners[pair] + (corners[pair + 1] - corners[pair]) * x;
+    let front = along_x(0) + (along_x(2) - along_x(0)) * y;
+    let back = along_x(4) + (along_x(6) - along_x(4)) * y;
+    front + (back - front) * z
+}
+
+/// A row of a cell, interpolated between its corners: the position of its first voxel, and what each next one adds.
+#[inline(always)]
+pub(super) fn row_of(corners: &[DVec3; 8], side: usize, y: usize, z: usize) -> (DVec3, DVec3) {
+    let step = 1.0 / side as f64;
+    let (v, w) = (y as f64 * step, z as f64 * step);
+    let first = trilinear(corners, [0.0, v, w]);
+    (first, (trilinear(corners, [1.0, v, w]) - first) * step)
 }
 
 fn one_row<'a>(axis: &'a [f64], row: &std::ops::Range<usize>) -> Option<&'a [f64; LANES]> {

@@ -54,11 +54,10 @@ impl<T: Sample> Kernel for SampleTile<'_, T> {
         }
         for (z, mut plane) in self.to.outer_iter_mut().enumerate() {
             for (y, to) in plane.outer_iter_mut().enumerate() {
-                let (Some((px, py, pz)), Some(to)) = (self.tile.lanes(y, z), to.into_slice())
-                else {
+                let (Some(from), Some(to)) = (self.tile.lanes(y, z), to.into_slice()) else {
                     continue;
                 };
-                let values = self.sampler.row(px, py, pz);
+                let values = self.sampler.row(&from.x, &from.y, &from.z);
                 let mut row = [T::default(); LANES];
                 for lane in 0..LANES {
                     row[lane] = T::from_interpolated(values[lane]);
@@ -70,8 +69,9 @@ impl<T: Sample> Kernel for SampleTile<'_, T> {
                 }
                 let (home_y, home_z) = ((y0 + y) as f64, (z0 + z) as f64);
                 for (lane, to) in to.iter_mut().enumerate() {
-                    let unmoved =
-                        (px[lane] == home[lane]) & (py[lane] == home_y) & (pz[lane] == home_z);
+                    let unmoved = (from.x[lane] == home[lane])
+                        & (from.y[lane] == home_y)
+                        & (from.z[lane] == home_z);
                     *to = if unmoved { *to } else { row[lane] };
                 }
             }

@@ -59,16 +59,15 @@ impl SeenSkin {
     pub fn new(surface: SemiBoundary, mask: &Mask, region: Region, before: &SemiBoundary) -> Self {
         let seen = Self::seen(&surface, mask, region);
         let mut skin = Self {
-            moved: vec![true; surface.len()],
+            moved: vec![false; surface.len()],
             surface,
             region,
             seen,
         };
-        let moved = skin.distances(before, region);
-        skin.moved.fill(false);
-        for (place, mm, _) in moved {
+        // As long as nothing is known to have moved, that is all that did.
+        for (place, _, _) in skin.distances(before, region) {
             if let Some(moved) = skin.moved.get_mut(place) {
-                *moved = mm > MOVED_MM;
+                *moved = true;
             }
         }
         skin
@@ -102,13 +101,25 @@ impl SeenSkin {
                 if !*self.seen.get(place)? || !region.contains([voxel.x(), y, z]) {
                     return None;
                 }
-                let mm = if at(there, voxel.x()) == Some(voxel) {
+                let moved = *self.moved.get(place)?;
+                let twin = at(there, voxel.x());
+                let mm = if twin == Some(voxel) {
                     0.0
                 } else {
                     let point = self.surface.surface_point(voxel, y, z);
-                    facing(point, voxel.normal().as_dvec3())?.abs()
+                    let normal = voxel.normal().as_dvec3();
+                    // The same voxel of the other skin bounds the distance: it is most of what does not count.
+                    let is_near = |twin: BoundaryVoxel| {
+                        !twin.code().is_cut()
+                            && twin.normal().as_dvec3().dot(normal) > 0.0
+                            && to.surface_point(twin, y, z).0.distance(point.0) <= MOVED_MM
+                    };
+                    if !moved && twin.is_some_and(is_near) {
+                        return None;
+                    }
+                    facing(point, normal)?.abs()
                 };
-                let counts = *self.moved.get(place)? || mm > MOVED_MM;
+                let counts = moved || mm > MOVED_MM;
                 counts.then(|| (place, mm, area(voxel, spacing)))
             });
             compared.collect::<Vec<_>>()
@@ -172,7 +183,7 @@ fn area(voxel: BoundaryVoxel, spacing: DVec3) -> f64 {
 /// Whether one of [`VIEWS`] sees the voxel past everything else of the object.
 fn is_seen(surface: &SemiBoundary, voxel: BoundaryVoxel, [y, z]: [usize; 2], mask: &Mask) -> bool {
     let spacing = surface.grid().spacing();
-    let (last, dims) = (surface.grid().last_index(), surface.grid().dims());
+    let [nx, ny, nz] = surface.grid().dims();
     let normal = voxel.normal().as_dvec3();
     // Clear of the surface itself, whose voxels stand out by up to one.
     let from = surface.surface_point(voxel, y, z).0 + normal * (1.5 * spacing.max_element());
@@ -182,18 +193,36 @@ fn is_seen(surface: &SemiBoundary, voxel: BoundaryVoxel, [y, z]: [usize; 2], mas
         let step = view * spacing.min_element() / spacing;
         normal.dot(view) > 0.0
             && loop {
-                let in_grid = at.cmpge(DVec3::ZERO).all() && at.cmplt(last + 1.0).all();
-                if !in_grid {
+                // Straight along a row no voxel is passed over: the row is looked at as a whole.
+                let along_row = view.y == 0.0 && view.z == 0.0;
+                if !(at.x >= 0.0 && at.y >= 0.0 && at.z >= 0.0) {
                     break true;
                 }
-                // Truncated; in the grid, as was just seen, but for a rounding at its very end.
-                let [x, y, z] = [0, 1, 2].map(|axis| (at[axis] as usize).min(dims[axis] - 1));
+                // Truncated.
+                let (x, y, z) = (at.x as usize, at.y as usize, at.z as usize);
+                if x >= nx || y >= ny || z >= nz {
+                    break true;
+                }
+                if along_row {
+                    break is_clear(mask.row(y, z), x, view.x > 0.0);
+                }
                 if mask.contains(x, y, z) {
                     break false;
                 }
                 at += step;
             }
     })
+}
+
+/// Whether a row of a mask has no voxel from `x` on, forward or back.
+fn is_clear(row: &[u64], x: usize, forward: bool) -> bool {
+    let (place, bit) = (x / 64, x % 64);
+    let here = row.get(place).copied().unwrap_or_default();
+    let (here, beyond) = match forward {
+        true => (here >> bit, row.get(place + 1..)),
+        false => (here << (63 - bit), row.get(..place)),
+    };
+    here == 0 && beyond.unwrap_or_default().iter().all(|&word| word == 0)
 }
 
 #[cfg(test)]
@@ -237,6 +266,17 @@ pub(super) mod tests {
         before: &(SemiBoundary, Mask),
     ) -> SkinDifference {
         skin_difference(&seen(one, before), &seen(other, before))
+    }
+
+    #[test]
+    fn a_row_is_clear_where_no_voxel_follows() {
+        for inside in [0, 5, 63, 64, 100, 129] {
+            let mask = Mask::from_fn([130, 1, 1], |x, _, _| x == inside).unwrap();
+            for x in 0..130 {
+                assert_eq!(is_clear(mask.row(0, 0), x, true), x > inside, "{x}");
+                assert_eq!(is_clear(mask.row(0, 0), x, false), x < inside, "{x}");
+            }
+        }
     }
 
     #[test]
