@@ -17,6 +17,7 @@ use std::process;
 use clap::Parser;
 
 use crate::exec::ExitCode;
+use crate::simd::Simd;
 use args::{Args, Command};
 use golden::Request;
 use output::Output;
@@ -46,6 +47,10 @@ pub fn main() -> process::ExitCode {
         }
     };
     let output = Output::new(args.json, args.quiet);
+    if let Err(problem) = Simd::check_variable() {
+        output.error(&problem);
+        return output.finish(ExitCode::Usage).into();
+    }
     if let Some(threads) = args.threads {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
         if let Err(error) = pool.build_global() {

@@ -681,10 +681,11 @@ fn further_lines_that_hold_still_are_part_of_the_sum() {
         chain.to_source_with_jacobian(&mut Points::splat(at), &mut determinants);
         assert!((determinants[0] / expected.determinant() - 1.0).abs() < 1e-5);
         let exact = Field::evaluated(full, &chain, Evaluation::Exact);
-        let adaptive = Field::evaluated(full, &chain, adaptive_mm(0.05));
+        let adaptive = Field::evaluated(full, &chain, adaptive_mm(0.5));
         let found = FieldDifference::new(&textured(), &exact, &adaptive);
-        assert!(found.position_max_mm <= 0.05, "{found:?}");
-        assert!(found.position_max_mm > 0.0);
+        assert!(found.position_max_mm <= 0.5, "{found:?}");
+        // Model `local` moves so little of this grid that all of it is mapped exactly.
+        assert!(tapers || found.position_max_mm > 0.0);
         assert!(WarpAudit::new(&chain, &full, &nose).displacement_max_mm > 0.5);
     }
 }

@@ -23,6 +23,7 @@ use std::fmt;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
+use crate::text::shown;
 pub use load::pairs;
 
 /// Which of all instructions are tried, counted from 1; 0 where none are.
@@ -60,6 +61,21 @@ enum Level {
 impl Simd {
     /// Without instructions that only some processors have.
     pub const OFF: Self = Self(Level::Off);
+
+    /// Looks at `RHINOPLAN_SIMD`, whose value may be missing or empty.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what it can be. [`Simd::widest`] takes such a value for none.
+    pub fn check_variable() -> Result<(), String> {
+        let value = env::var_os(VARIABLE).unwrap_or_default();
+        match value.to_str() {
+            Some("" | "off" | "avx2" | "avx512") => Ok(()),
+            _ => Err(format!(
+                "{VARIABLE} is `{}`; it can be `off`, `avx2` or `avx512`, or not be set",
+                shown(&value.to_string_lossy(), 20)
+            )),
+        }
+    }
 
     /// What is used: the widest that the processor has, or what `RHINOPLAN_SIMD` allows of it, or what
     /// [`Simd::compare`] is trying.

@@ -58,8 +58,13 @@ impl Desk {
 
     /// The same, with the environment variable CI set to `value`.
     pub fn run_in_ci(&self, value: &str, args: &[&str]) -> Ran {
+        self.run_with("CI", value, args)
+    }
+
+    /// The same, with an environment variable.
+    pub fn run_with(&self, variable: &str, value: &str, args: &[&str]) -> Ran {
         let mut command = Command::new(env!("CARGO_BIN_EXE_rhinoplan"));
-        self.spawn(command.args(args).env("CI", value)).end()
+        self.spawn(command.args(args).env(variable, value)).end()
     }
 
     /// The same, while it runs.

@@ -37,6 +37,46 @@ fn any_number_of_threads_draws_the_same_pictures() {
     }
 }
 
+#[test]
+fn any_instructions_give_the_same_bytes() {
+    let pictures = picture_plan("good", "ct.nii.gz") + "\n[enhance]\nmedian = 3\n";
+    let plans = [
+        pictures,
+        plan("good", "ct.nii.gz") + LEE2001_HALF,
+        plan("good", "ct.nii.gz") + "[morph]\nmodel = \"lee2001\"\nmethod = \"adaptive\"\n",
+    ];
+    for plan in plans {
+        let desk = Desk::new();
+        desk.write("ct.nii.gz", gzip(&nifti_with_names()));
+        desk.write("plan.toml", plan);
+        let runs = ["off", "avx2", "avx512", ""].map(|simd| {
+            let args = ["run", "plan.toml", "--force"];
+            desk.run_with("RHINOPLAN_SIMD", simd, &args).expect(0);
+            desk.results_and_notes("out/good")
+        });
+        for run in &runs[1..] {
+            assert!(run.len() == runs[0].len() && run.len() > 8);
+            for (name, bytes) in &runs[0] {
+                assert!(run.get(name) == Some(bytes), "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_word_that_names_no_instructions_is_refused() {
+    let desk = desk(".", "ct.nii.gz", "");
+    let ran = desk.run_with("RHINOPLAN_SIMD", "sse9", &["run", "plan.toml"]);
+    let ran = ran.expect(2);
+    assert!(
+        ran.err
+            .contains("RHINOPLAN_SIMD is `sse9`; it can be `off`"),
+        "{}",
+        ran.err
+    );
+    assert!(!desk.path().join("out").exists());
+}
+
 fn assert_same_with_any_threads(desk: &Desk, files: usize) {
     let runs = ["1", "2", "4", "1"].map(|threads| {
         desk.run(&["run", "plan.toml", "--threads", threads, "--force"])
