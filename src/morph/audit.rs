@@ -1,6 +1,13 @@
 //! What a map does to tissue, for trust: is it folded, how far does it move, how far is the adaptive
 //! evaluation from the exact one (method sections 4 and 6).
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "a lane is a place in several arrays at once"
+)]
+
+use std::ops::Range;
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -35,13 +42,13 @@ impl WarpAudit {
     /// Examines `chain` at every voxel of `lattice`, which it must have been made for.
     pub fn new(chain: &Chain, lattice: &Lattice, nose: &NoseBox) -> Self {
         let simd = Simd::widest();
+        let around = Around::new(lattice, nose);
         tiles_of(chain.support(lattice))
             .into_par_iter()
             .map(|voxels| {
                 simd.run(AuditTile {
                     chain,
-                    lattice,
-                    nose,
+                    around: &around,
                     voxels,
                 })
             })
@@ -53,6 +60,8 @@ impl WarpAudit {
     pub fn of_field(field: &Field<'_>, nose: &NoseBox) -> Self {
         let lattice = *field.lattice();
         let dims = lattice.dims();
+        let simd = Simd::widest();
+        let around = Around::new(&lattice, nose);
         inner_boxes(field.support())
             .into_par_iter()
             .map_init(
@@ -63,22 +72,11 @@ impl WarpAudit {
                         end: [0, 1, 2].map(|axis| (inner.end[axis] + 1).min(dims[axis])),
                     };
                     field.fill(halo, scratch, tile);
-                    let mut found = Self::IDENTITY;
-                    for offset in tile.offsets() {
-                        let at = [0, 1, 2].map(|axis| halo.start[axis] + offset[axis]);
-                        if !inner.holds(at) {
-                            continue;
-                        }
-                        let target = tile.index(offset);
-                        let moved = ((tile.get(offset) - target) * lattice.spacing()).length();
-                        let outside = nose.distance(lattice.point_at(target)) > 0.0;
-                        found = found.worst(Self {
-                            jacobian_min: differences(tile, offset).determinant(),
-                            displacement_max_mm: moved,
-                            displacement_max_outside_mm: if outside { moved } else { 0.0 },
-                        });
-                    }
-                    found
+                    simd.run(AuditFieldTile {
+                        tile,
+                        inner,
+                        around: &around,
+                    })
                 },
             )
             .reduce(|| Self::IDENTITY, Self::worst)
@@ -98,8 +96,7 @@ impl WarpAudit {
 /// One tile of voxels under a chain.
 struct AuditTile<'a> {
     chain: &'a Chain,
-    lattice: &'a Lattice,
-    nose: &'a NoseBox,
+    around: &'a Around,
     voxels: VoxelBox,
 }
 
@@ -110,57 +107,204 @@ impl Kernel for AuditTile<'_> {
     fn run(self) -> WarpAudit {
         let Self {
             chain,
-            lattice,
-            nose,
+            around,
             voxels,
         } = self;
-        let spacing = lattice.spacing();
-        let first = lattice.point_at(DVec3::ZERO).0;
-        let (lo, hi) = (nose.min.0, nose.max.0);
         let lanes = voxels.end[0] - voxels.start[0];
-        // The extremes of each lane, distances squared.
-        let mut least = [WarpAudit::IDENTITY.jacobian_min; LANES];
-        let (mut furthest, mut furthest_outside) = ([0.0; LANES], [0.0; LANES]);
+        let mut extremes = Extremes::NONE;
         let mut determinants = [1.0; LANES];
         for z in voxels.start[2]..voxels.end[2] {
             for y in voxels.start[1]..voxels.end[1] {
                 let targets = Points::row([voxels.start[0], y, z]);
                 let mut sources = targets.clone();
                 chain.to_source_with_jacobian(&mut sources, &mut determinants);
-                for lane in 0..LANES {
-                    let x = (sources.x[lane] - targets.x[lane]) * spacing.x;
-                    let y = (sources.y[lane] - targets.y[lane]) * spacing.y;
-                    let z = (sources.z[lane] - targets.z[lane]) * spacing.z;
-                    let moved = x * x + y * y + z * z;
-                    let x = first.x + targets.x[lane] * spacing.x;
-                    let y = first.y + targets.y[lane] * spacing.y;
-                    let z = first.z + targets.z[lane] * spacing.z;
-                    let inside = (x >= lo.x)
-                        & (x <= hi.x)
-                        & (y >= lo.y)
-                        & (y <= hi.y)
-                        & (z >= lo.z)
-                        & (z <= hi.z);
-                    // Lanes past the tile's end are no voxels of it.
-                    let counts = lane < lanes;
-                    let determinant = determinants[lane];
-                    if counts & (determinant < least[lane]) {
-                        least[lane] = determinant;
-                    }
-                    if counts & (moved > furthest[lane]) {
-                        furthest[lane] = moved;
-                    }
-                    if counts & !inside & (moved > furthest_outside[lane]) {
-                        furthest_outside[lane] = moved;
-                    }
-                }
+                extremes.add(around, 0..lanes, &determinants, &targets, &sources);
             }
         }
+        extremes.found()
+    }
+}
+
+/// One tile of a field with a voxel more on every side, but for the lattice's own.
+struct AuditFieldTile<'a> {
+    tile: &'a Tile,
+    inner: VoxelBox,
+    around: &'a Around,
+}
+
+impl Kernel for AuditFieldTile<'_> {
+    type Output = WarpAudit;
+
+    #[inline(always)]
+    fn run(self) -> WarpAudit {
+        let Self {
+            tile,
+            inner,
+            around,
+        } = self;
+        let halo = tile.voxels();
+        let [nx, ny, nz] = halo.dims();
+        let range = |axis: usize| {
+            let start = halo.start[axis];
+            inner.start[axis] - start..inner.end[axis] - start
+        };
+        let mut extremes = Extremes::NONE;
+        let (ys, zs) = (range(1), range(2));
+        for z in zs {
+            for y in ys.clone() {
+                let (above, below) = (y.saturating_sub(1), (y + 1).min(ny - 1));
+                let (under, over) = (z.saturating_sub(1), (z + 1).min(nz - 1));
+                let (Some(here), Some(above_row), Some(below_row), Some(under_row), Some(over_row)) = (
+                    tile.lanes(y, z),
+                    tile.lanes(above, z),
+                    tile.lanes(below, z),
+                    tile.lanes(y, under),
+                    tile.lanes(y, over),
+                ) else {
+                    continue;
+                };
+                let along_y = difference(&above_row, &below_row, below - above, 1);
+                let along_z = difference(&under_row, &over_row, over - under, 2);
+                let along_x = along_row(&here, nx);
+                let mut determinants = [1.0; LANES];
+                for lane in 0..LANES {
+                    let (a, b, c) = (along_x.get(lane), along_y.get(lane), along_z.get(lane));
+                    determinants[lane] = DMat3::from_cols(a, b, c).determinant();
+                }
+                let [x, _, _] = halo.start;
+                let targets = Points::row([x, halo.start[1] + y, halo.start[2] + z]);
+                extremes.add(around, range(0), &determinants, &targets, &here);
+            }
+        }
+        extremes.found()
+    }
+}
+
+/// The change between two rows that are so many voxels apart. An axis of a single voxel has no neighbours: nothing
+/// changes along it but the position itself.
+#[inline(always)]
+fn difference(before: &Points, after: &Points, steps: usize, axis: usize) -> Points {
+    if steps == 0 {
+        return Points::splat(DVec3::AXES[axis]);
+    }
+    let share = 1.0 / steps as f64;
+    let mut change = Points::ZERO;
+    for lane in 0..LANES {
+        change.x[lane] = (after.x[lane] - before.x[lane]) * share;
+        change.y[lane] = (after.y[lane] - before.y[lane]) * share;
+        change.z[lane] = (after.z[lane] - before.z[lane]) * share;
+    }
+    change
+}
+
+/// The change along a row of `n` voxels.
+#[inline(always)]
+fn along_row(row: &Points, n: usize) -> Points {
+    if n == 1 {
+        return Points::splat(DVec3::X);
+    }
+    let (mut before, mut after) = (row.clone(), row.clone());
+    for lane in 0..LANES {
+        let (to_before, to_after) = (lane.saturating_sub(1), (lane + 1).min(n - 1));
+        before.x[lane] = row.x[to_before];
+        before.y[lane] = row.y[to_before];
+        before.z[lane] = row.z[to_before];
+        after.x[lane] = row.x[to_after];
+        after.y[lane] = row.y[to_after];
+        after.z[lane] = row.z[to_after];
+    }
+    let mut change = difference(&before, &after, 2, 0);
+    // One-sided at either end.
+    for lane in [0, n - 1] {
+        change.set(lane, change.get(lane) * 2.0);
+    }
+    change
+}
+
+/// What positions are held against.
+struct Around {
+    spacing: DVec3,
+    /// The first voxel and the corners of the nose box, grid millimetres.
+    first: DVec3,
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Around {
+    fn new(lattice: &Lattice, nose: &NoseBox) -> Self {
+        Self {
+            spacing: lattice.spacing(),
+            first: lattice.point_at(DVec3::ZERO).0,
+            low: nose.min.0,
+            high: nose.max.0,
+        }
+    }
+}
+
+/// The extremes that each lane met; distances squared.
+struct Extremes {
+    least: [f64; LANES],
+    furthest: [f64; LANES],
+    furthest_outside: [f64; LANES],
+}
+
+impl Extremes {
+    const NONE: Self = Self {
+        least: [WarpAudit::IDENTITY.jacobian_min; LANES],
+        furthest: [0.0; LANES],
+        furthest_outside: [0.0; LANES],
+    };
+
+    /// Adds a row, of which the lanes in `counts` are voxels.
+    #[inline(always)]
+    fn add(
+        &mut self,
+        around: &Around,
+        counts: Range<usize>,
+        determinants: &[f64; LANES],
+        targets: &Points,
+        sources: &Points,
+    ) {
+        let Around {
+            spacing,
+            first,
+            low,
+            high,
+        } = around;
+        for lane in 0..LANES {
+            let x = (sources.x[lane] - targets.x[lane]) * spacing.x;
+            let y = (sources.y[lane] - targets.y[lane]) * spacing.y;
+            let z = (sources.z[lane] - targets.z[lane]) * spacing.z;
+            let moved = x * x + y * y + z * z;
+            let x = first.x + targets.x[lane] * spacing.x;
+            let y = first.y + targets.y[lane] * spacing.y;
+            let z = first.z + targets.z[lane] * spacing.z;
+            let inside = (x >= low.x)
+                & (x <= high.x)
+                & (y >= low.y)
+                & (y <= high.y)
+                & (z >= low.z)
+                & (z <= high.z);
+            let counts = (lane >= counts.start) & (lane < counts.end);
+            let determinant = determinants[lane];
+            if counts & (determinant < self.least[lane]) {
+                self.least[lane] = determinant;
+            }
+            if counts & (moved > self.furthest[lane]) {
+                self.furthest[lane] = moved;
+            }
+            if counts & !inside & (moved > self.furthest_outside[lane]) {
+                self.furthest_outside[lane] = moved;
+            }
+        }
+    }
+
+    fn found(self) -> WarpAudit {
         let largest = |of: [f64; LANES]| of.into_iter().fold(0.0, f64::max).sqrt();
         WarpAudit {
-            jacobian_min: least.into_iter().fold(f64::INFINITY, f64::min),
-            displacement_max_mm: largest(furthest),
-            displacement_max_outside_mm: largest(furthest_outside),
+            jacobian_min: self.least.into_iter().fold(f64::INFINITY, f64::min),
+            displacement_max_mm: largest(self.furthest),
+            displacement_max_outside_mm: largest(self.furthest_outside),
         }
     }
 }
@@ -180,26 +324,6 @@ fn inner_boxes(voxels: VoxelBox) -> Vec<VoxelBox> {
         }
     }
     boxes
-}
-
-/// The change of the source position with each axis, in voxels, between the neighbours of a tile's voxel.
-fn differences(tile: &Tile, offset: [usize; 3]) -> DMat3 {
-    let dims = tile.voxels().dims();
-    let along = |axis: usize| {
-        let (mut before, mut after) = (offset, offset);
-        before[axis] = offset[axis].saturating_sub(1);
-        after[axis] = (offset[axis] + 1).min(dims[axis] - 1);
-        let steps = (after[axis] - before[axis]).max(1) as f64;
-        (tile.get(after) - tile.get(before)) / steps
-    };
-    let mut columns = DMat3::from_cols(along(0), along(1), along(2));
-    // An axis of a single voxel has no neighbours: nothing changes along it but the position itself.
-    for (axis, unit) in DVec3::AXES.into_iter().enumerate() {
-        if dims[axis] == 1 {
-            *columns.col_mut(axis) = unit;
-        }
-    }
-    columns
 }
 
 /// How far one field is from another, and what that does to a volume.

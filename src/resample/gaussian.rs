@@ -1,6 +1,5 @@
 //! From half to full size with a separable, normalised Gaussian.
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::simd::{Kernel, Simd};
@@ -52,14 +51,16 @@ impl Taps {
         }
     }
 
-    /// The weighted sum of what `at` gives for the coarse indices.
-    #[inline]
-    pub fn blend(&self, at: impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
-        let mut sum = DVec3::ZERO;
-        for (tap, weight) in self.weights.iter().take(self.count).enumerate() {
-            sum += DVec3::from_array(at(self.first + tap)) * *weight;
+    /// The weighted sum of rows, of which the first is that of the first tap.
+    #[inline(always)]
+    pub fn blend_rows<const N: usize>(&self, rows: &[[f64; N]]) -> [f64; N] {
+        let mut sums = [0.0; N];
+        for (row, weight) in rows.iter().zip(&self.weights[..self.count]) {
+            for (sum, value) in sums.iter_mut().zip(row) {
+                *sum += value * weight;
+            }
         }
-        sum.to_array()
+        sums
     }
 }
 
@@ -220,6 +221,7 @@ impl<C: Sample, T: Sample> Kernel for UpsamplePlane<'_, C, T> {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
     use ndarray::Array3;
 
     use super::*;
