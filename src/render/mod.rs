@@ -13,8 +13,10 @@
 
 mod camera;
 mod compose;
+mod edge;
 mod layer;
 mod shade;
+mod span;
 mod splat;
 mod squares;
 

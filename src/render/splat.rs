@@ -99,8 +99,31 @@ pub(super) struct Splat {
     pub place: u32,
     /// Unit normal: right, up, towards the viewer.
     pub normal: Vec3,
-    /// Where the disc is cut off.
-    pub clips: Option<Clips>,
+    /// Where the disc is cut off: its number among [`Splats::clips`], or [`UNCLIPPED`].
+    pub clips: u32,
+}
+
+/// Of a disc that is not cut off.
+const UNCLIPPED: u32 = u32::MAX;
+
+/// Discs in the order in which they are drawn. Made once by a worker and used for all of its bands.
+#[derive(Debug, Default)]
+pub(super) struct Splats {
+    pub all: Vec<Splat>,
+    /// Few discs are cut off.
+    pub clips: Vec<Clips>,
+}
+
+impl Splats {
+    fn push(&mut self, splat: Splat) {
+        self.all.push(splat);
+    }
+
+    fn push_clipped(&mut self, mut splat: Splat, clips: Clips) {
+        splat.clips = self.clips.len() as u32;
+        self.clips.push(clips);
+        self.all.push(splat);
+    }
 }
 
 impl Eye {
@@ -185,7 +208,7 @@ impl Eye {
         index: [usize; 3],
         at: Vec3,
         place: u32,
-        to: &mut Vec<Splat>,
+        to: &mut Splats,
     ) {
         let faces = voxel.code().faces();
         if faces & self.not_away == 0 {
@@ -202,28 +225,30 @@ impl Eye {
         let seen = self.seen(normal);
         let offset = voxel.offset_steps() * self.offset_step;
         if voxel.code().is_thin() {
-            let mut core = self.core(normal, seen, offset, at, place);
-            if near_end && let Some(clips) = &mut core.clips {
+            let (core, mut clips) = self.core(normal, seen, offset, at, place);
+            if near_end {
                 let [first, second, _] = self.clips(index, Vec3::ZERO, 0.0, 0.0);
                 (clips[0], clips[1]) = (first, second);
             }
-            to.push(core);
+            to.push_clipped(core, clips);
         }
         if seen.z < 0.0 {
             return;
         }
-        let mut splat = self.disc(seen, offset, RADIUS, at, place);
+        let splat = self.disc(seen, offset, RADIUS, at, place);
         if near_end {
-            splat.clips = Some(self.clips(index, normal * offset, splat.zx, splat.zy));
+            let clips = self.clips(index, normal * offset, splat.zx, splat.zy);
+            to.push_clipped(splat, clips);
+        } else {
+            to.push(splat);
         }
-        to.push(splat);
     }
 
     /// Something a voxel thick has two surfaces, of which one normal tells one, or turns within a voxel by
     /// more than discs bridge. So its middle is drawn as well: a disc that faces the viewer, up to where the
     /// surface is known to be.
     #[inline(always)]
-    fn core(&self, normal: Vec3, seen: Vec3, offset: f32, at: Vec3, place: u32) -> Splat {
+    fn core(&self, normal: Vec3, seen: Vec3, offset: f32, at: Vec3, place: u32) -> (Splat, Clips) {
         let mut splat = self.disc(Vec3::Z, 0.0, CORE_RADIUS, at, place);
         // Of the side that is not known, the mirror image is taken.
         splat.normal = Vec3::new(seen.x, seen.y, seen.z.abs());
@@ -231,8 +256,7 @@ impl Eye {
         let down = self.mm_per_pixel * self.up.dot(normal);
         // Where nothing is known of the surface, half a voxel or so.
         let room = offset.max(0.4 * self.ends.spacing.min_element());
-        splat.clips = Some([ALL, ALL, [room, right, down]]);
-        splat
+        (splat, [ALL, ALL, [room, right, down]])
     }
 
     /// A vector of the grid, as the viewer sees it: right, up, towards the viewer.
@@ -287,7 +311,7 @@ impl Eye {
             strength: (narrow / det).max(0.0).sqrt(),
             place,
             normal: seen,
-            clips: None,
+            clips: UNCLIPPED,
         }
     }
 
@@ -299,7 +323,7 @@ impl Eye {
         index: [usize; 3],
         at: Vec3,
         place: u32,
-        to: &mut Vec<Splat>,
+        to: &mut Splats,
     ) {
         for (face, outward) in NeighbourCode::FACES.iter().enumerate() {
             let axis = face / 2;
@@ -316,7 +340,7 @@ impl Eye {
             let offset = self.ends.spacing[axis] / 2.0;
             let rim = !voxel.code().is_cut();
             let radius = if rim { RADIUS } else { FLAT_RADIUS };
-            let mut splat = self.disc(self.seen(outward), offset, radius, at, place | FLAT);
+            let splat = self.disc(self.seen(outward), offset, radius, at, place | FLAT);
             if rim {
                 let normal = voxel.normal();
                 let surface = voxel.offset_steps() * self.offset_step;
@@ -324,9 +348,10 @@ impl Eye {
                 let right = self.right * self.mm_per_pixel + self.toward * splat.zx;
                 let down = -self.up * self.mm_per_pixel + self.toward * splat.zy;
                 let room = surface - (outward * offset).dot(normal);
-                splat.clips = Some([ALL, ALL, [room, along(right), along(down)]]);
+                to.push_clipped(splat, [ALL, ALL, [room, along(right), along(down)]]);
+            } else {
+                to.push(splat);
             }
-            to.push(splat);
         }
     }
 
