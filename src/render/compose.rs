@@ -1,10 +1,13 @@
 //! Objects put over each other, with smooth edges: the picture.
 
+use std::mem;
+
 use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::edge::SAMPLES;
 use super::layer::{BAND, Band, Colours, EdgePixel, Painter, Seen};
+use super::memory::Sheet;
 use super::shade::{BACKGROUND, Paint, Srgb};
 use super::span::NOTHING;
 use crate::surface::SemiBoundary;
@@ -46,9 +49,15 @@ pub struct Frame<'a> {
 /// Draws objects as a camera sees them.
 pub fn render<'a>(objects: &[Object<'a>], camera: &Camera) -> Frame<'a> {
     let size = camera.size();
-    let mut pixels = vec![[0; 3]; size * size];
+    let Sheet {
+        mut pixels,
+        mut seen,
+    } = Sheet::take(size);
     let seen = match objects {
-        [object] if object.opacity >= 1.0 => vec![alone(object, camera, &mut pixels)],
+        [object] if object.opacity >= 1.0 => {
+            alone(object, camera, &mut pixels, &mut seen);
+            vec![seen]
+        }
         objects => {
             let layers = objects.iter().map(|object| Layer::new(object, camera));
             let layers: Vec<Layer> = layers.collect();
@@ -68,11 +77,23 @@ pub fn render<'a>(objects: &[Object<'a>], camera: &Camera) -> Frame<'a> {
     }
 }
 
+impl Drop for Frame<'_> {
+    fn drop(&mut self) {
+        let sheet = Sheet {
+            pixels: mem::take(&mut self.pixels),
+            seen: mem::take(&mut self.seen).pop().unwrap_or_default(),
+        };
+        // There is nothing in it where nothing was drawn.
+        if sheet.seen.depth.len() == sheet.pixels.len() {
+            sheet.give_back();
+        }
+    }
+}
+
 /// Draws an opaque object with nothing before or behind it: straight onto the picture, but for the pixels at edges.
-fn alone(object: &Object<'_>, camera: &Camera, pixels: &mut [[u8; 3]]) -> Seen {
+fn alone(object: &Object<'_>, camera: &Camera, pixels: &mut [[u8; 3]], seen: &mut Seen) {
     let size = camera.size();
     let painter = Painter::new(object, camera);
-    let mut seen = Seen::new(size);
     let len = BAND * size;
     let mut edges = vec![Vec::new(); size.div_ceil(BAND)];
     let bands = (
@@ -97,7 +118,7 @@ fn alone(object: &Object<'_>, camera: &Camera, pixels: &mut [[u8; 3]]) -> Seen {
             NOTHING => [0.0; 4],
             _ => light(pixels[pixel], 1.0),
         };
-        over_background(smoothed(&seen, size, edge.pixel as usize, edge.near, light))
+        over_background(smoothed(seen, size, edge.pixel as usize, edge.near, light))
     };
     let smooth: Vec<Vec<[u8; 3]>> = edges
         .par_iter()
@@ -106,7 +127,6 @@ fn alone(object: &Object<'_>, camera: &Camera, pixels: &mut [[u8; 3]]) -> Seen {
     for (edge, colour) in edges.iter().flatten().zip(smooth.iter().flatten()) {
         pixels[edge.pixel as usize] = *colour;
     }
-    seen
 }
 
 impl Frame<'_> {

@@ -2,8 +2,8 @@
 
 use glam::Vec4;
 
-use super::span::{Columns, Drawn, Line, NOTHING, Span};
-use super::splat::{Clips, QUAD, Splats};
+use super::span::{Drawn, Line, NOTHING, Span};
+use super::splat::{QUAD, Splats};
 use super::squares::Squares;
 use crate::simd::Kernel;
 
@@ -14,6 +14,9 @@ pub(super) const SAMPLES: [[f32; 2]; 4] = [
     [0.375, 0.125],
     [-0.125, 0.375],
 ];
+
+/// The middles of a quad's pixels from the first one's left edge.
+const MIDDLES: Vec4 = Vec4::new(0.5, 1.5, 2.5, 3.5);
 
 /// The depth that parts the near side of an edge from the far one, mm.
 fn between(near: f32, far: f32) -> f32 {
@@ -32,6 +35,8 @@ pub(super) struct EdgeQuad {
     pub quad: usize,
     /// The depth between the two sides; infinite where a pixel is at no edge.
     between: Vec4,
+    /// Which pixels are at an edge, as bits.
+    at_edge: u8,
     /// For each sample the pixels, as bits, in which it is on the near side.
     near: [u8; SAMPLES.len()],
 }
@@ -39,7 +44,7 @@ pub(super) struct EdgeQuad {
 impl EdgeQuad {
     /// Each pixel at an edge by its column, and how many of its samples are on the near side.
     pub(super) fn pixels(&self) -> impl Iterator<Item = (usize, u8)> {
-        let at_edge = (0..QUAD).filter(|&lane| self.between[lane] < f32::INFINITY);
+        let at_edge = (0..QUAD).filter(|&lane| self.at_edge >> lane & 1 == 1);
         at_edge.map(|lane| {
             let near = self.near.iter().map(|bits| bits >> lane & 1).sum();
             (self.quad * QUAD + lane, near)
@@ -122,6 +127,7 @@ impl Kernel for FindEdges<'_> {
                     row,
                     quad,
                     between: Vec4::from_array(parting),
+                    at_edge: at_edge as u8,
                     near: [0; SAMPLES.len()],
                 });
             }
@@ -153,41 +159,48 @@ impl Kernel for SampleEdges<'_> {
             if !edges.marks.any_below(splat, span) {
                 continue;
             }
-            let clips = splats.clips.get(splat.clips as usize);
+            let clips = splats
+                .clips
+                .get(splat.clips as usize)
+                .map(|clips| &clips[..]);
             // A sample may be hit where no middle of a pixel is.
             let begin = (splat.x - splat.half_width - 0.5) as u32 as usize / QUAD;
             let end = (splat.x + splat.half_width + 0.5) as u32 as usize / QUAD + 1;
             let (begin, end) = (begin.min(span.quads), end.min(span.quads));
+            let x = SAMPLES.map(|[right, _]| MIDDLES - Vec4::splat(splat.x) + right);
             for row in span.rows_of(splat) {
                 let base = row * span.quads;
                 let numbers = edges.numbers.get(base + begin..base + end);
-                for (quad, &number) in numbers.unwrap_or_default().iter().enumerate() {
+                let numbers = numbers.unwrap_or_default();
+                if numbers.iter().all(|&number| number == NOTHING) {
+                    continue;
+                }
+                let mut lines = [Line::default(); SAMPLES.len()];
+                for (line, [_, down]) in lines.iter_mut().zip(SAMPLES) {
+                    *line = Line::new(splat, span.first + row as isize, down);
+                }
+                for (quad, &number) in (begin..).zip(numbers) {
                     let Some(edge) = edges.quads.get_mut(number as usize) else {
                         continue;
                     };
-                    let first = (begin + quad) * QUAD;
-                    for (near, [right, down]) in edge.near.iter_mut().zip(SAMPLES) {
-                        let line = Line::new(splat, span.first + row as isize, down);
-                        let columns = Columns::<QUAD>::moved(splat, first, right);
-                        *near |= columns.hits(&line, clips, edge.between);
+                    // Most discs come after those before them.
+                    if edge.near == [edge.at_edge; SAMPLES.len()] {
+                        continue;
+                    }
+                    let first = Vec4::splat((quad * QUAD) as f32);
+                    for sample in 0..SAMPLES.len() {
+                        let (line, dx) = (&lines[sample], x[sample] + first);
+                        let q = dx * (splat.a * dx + line.b) + line.c;
+                        let z = line.z + splat.zx * dx;
+                        let mut hit = q.cmplt(Vec4::ONE) & z.cmpge(edge.between);
+                        for &[k, kx, ky] in clips.unwrap_or(&[]) {
+                            let room = (k + ky * line.dy) + kx * dx;
+                            hit &= room.cmpge(Vec4::ZERO);
+                        }
+                        edge.near[sample] |= hit.bitmask() as u8;
                     }
                 }
             }
         }
-    }
-}
-
-impl Columns<QUAD> {
-    /// The pixels, as bits, in which a disc covers a sample and is not behind a depth.
-    #[inline(always)]
-    fn hits(&self, line: &Line, clips: Option<&Clips>, depth: Vec4) -> u8 {
-        let rim = clips.map_or([1.0; QUAD], |clips| self.clipped(clips, line.dy));
-        let (mut q, mut z) = ([0.0; QUAD], [0.0; QUAD]);
-        for lane in 0..QUAD {
-            q[lane] = self.q(line, lane);
-            z[lane] = self.depth(line, lane);
-        }
-        let hit = Vec4::from(q).cmplt(Vec4::from(rim)) & Vec4::from(z).cmpge(depth);
-        hit.bitmask() as u8
     }
 }

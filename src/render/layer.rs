@@ -266,15 +266,16 @@ impl<'a> Painter<'a> {
                 let Some(places) = wide(&drawn.place, begin + first) else {
                     continue;
                 };
-                let mut shaded = [[0; 4]; WIDE];
-                let mut nothing = 0;
-                for &place in places {
-                    nothing += u32::from(place == NOTHING);
-                }
-                if nothing < WIDE as u32 {
-                    shaded = self.shaded::<PLANES>(places, drawn, sums + first, span.stride());
-                }
                 let pixels = number * size + first..number * size + (first + WIDE).min(size);
+                let everything = places.iter().fold(NOTHING, |all, place| all & place);
+                if everything == NOTHING {
+                    match &mut colours {
+                        Colours::Picture(picture) => picture[pixels].fill(BACKGROUND),
+                        Colours::Layer(layer) => layer[pixels].fill([0; 4]),
+                    }
+                    continue;
+                }
+                let shaded = self.shaded::<PLANES>(places, drawn, sums + first, span.stride());
                 match &mut colours {
                     Colours::Picture(picture) => {
                         for (lane, pixel) in picture[pixels].iter_mut().enumerate() {

@@ -15,6 +15,7 @@ mod camera;
 mod compose;
 mod edge;
 mod layer;
+mod memory;
 mod shade;
 mod span;
 mod splat;

@@ -104,7 +104,7 @@ impl Kernel for Fronts<'_> {
             let clips = self.splats.clips.get(splat.clips as usize);
             let rows = span.rows_of(splat);
             for first in span.columns_of(splat).step_by(WIDE) {
-                let columns = Columns::<WIDE>::new(splat, first);
+                let columns = Columns::new(splat, first);
                 for row in rows.clone() {
                     let line = Line::new(splat, span.first + row as isize, 0.0);
                     let at = span.begin(row) + first;
@@ -158,7 +158,7 @@ impl<V: Fn(u32) -> f32, const PLANES: usize> Kernel for Blend<'_, V, PLANES> {
             }
             let rows = span.rows_of(splat);
             for first in span.columns_of(splat).step_by(WIDE) {
-                let columns = Columns::<WIDE>::new(splat, first);
+                let columns = Columns::new(splat, first);
                 for row in rows.clone() {
                     let line = Line::new(splat, span.first + row as isize, 0.0);
                     let Some(depths) = wide(all_depths, span.begin(row) + first) else {
@@ -205,13 +205,13 @@ fn wide_mut<T>(all: &mut [T], at: usize) -> Option<&mut [T; WIDE]> {
 }
 
 /// A disc on one row of pixels.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Line {
-    b: f32,
-    c: f32,
-    z: f32,
+    pub b: f32,
+    pub c: f32,
+    pub z: f32,
     /// From the disc's middle to the row's.
-    pub(super) dy: f32,
+    pub dy: f32,
 }
 
 impl Line {
@@ -230,28 +230,22 @@ impl Line {
 
 /// A disc on some columns of pixels: what is the same on all rows.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Columns<const N: usize> {
+struct Columns {
     /// From the disc's middle to the columns.
-    dx: [f32; N],
-    a_dx: [f32; N],
-    zx_dx: [f32; N],
+    dx: [f32; WIDE],
+    a_dx: [f32; WIDE],
+    zx_dx: [f32; WIDE],
 }
 
-impl<const N: usize> Columns<N> {
+impl Columns {
     #[inline(always)]
-    pub(super) fn new(splat: &Splat, first: usize) -> Self {
-        Self::moved(splat, first, 0.0)
-    }
-
-    /// `right`: from the columns' middles, pixels.
-    #[inline(always)]
-    pub(super) fn moved(splat: &Splat, first: usize, right: f32) -> Self {
-        let (mut dx, mut a_dx, mut zx_dx) = ([0.0; N], [0.0; N], [0.0; N]);
-        for lane in 0..N {
+    fn new(splat: &Splat, first: usize) -> Self {
+        let (mut dx, mut a_dx, mut zx_dx) = ([0.0; WIDE], [0.0; WIDE], [0.0; WIDE]);
+        for lane in 0..WIDE {
             let column = (first + lane) as u32;
             // In the quad first, for its numbers are small.
             let (quad, within) = (column & !(QUAD as u32 - 1), column & (QUAD as u32 - 1));
-            dx[lane] = (within as f32 + 0.5 - splat.x + right) + quad as f32;
+            dx[lane] = (within as f32 + 0.5 - splat.x) + quad as f32;
             a_dx[lane] = splat.a * dx[lane];
             zx_dx[lane] = splat.zx * dx[lane];
         }
@@ -259,22 +253,22 @@ impl<const N: usize> Columns<N> {
     }
 
     #[inline(always)]
-    pub(super) fn q(&self, line: &Line, lane: usize) -> f32 {
+    fn q(&self, line: &Line, lane: usize) -> f32 {
         self.dx[lane] * (self.a_dx[lane] + line.b) + line.c
     }
 
     #[inline(always)]
-    pub(super) fn depth(&self, line: &Line, lane: usize) -> f32 {
+    fn depth(&self, line: &Line, lane: usize) -> f32 {
         line.z + self.zx_dx[lane]
     }
 
     /// Below which value Q has to be in each column, where a disc is cut off.
     #[inline(always)]
-    pub(super) fn clipped(&self, clips: &Clips, dy: f32) -> [f32; N] {
-        let mut rim = [1.0; N];
+    fn clipped(&self, clips: &Clips, dy: f32) -> [f32; WIDE] {
+        let mut rim = [1.0; WIDE];
         for &[k, kx, ky] in clips {
             let k = k + ky * dy;
-            for lane in 0..N {
+            for lane in 0..WIDE {
                 let room = k + kx * self.dx[lane];
                 rim[lane] = if room >= 0.0 {
                     rim[lane]
@@ -291,21 +285,21 @@ impl<const N: usize> Columns<N> {
     fn put(
         &self,
         line: &Line,
-        rim: [f32; N],
+        rim: [f32; WIDE],
         place: u32,
-        depths: &mut [f32; N],
-        places: &mut [u32; N],
+        depths: &mut [f32; WIDE],
+        places: &mut [u32; WIDE],
     ) {
         // What is read is read before anything is written: only then does the compiler know that it can be done at once.
         let (was_depth, was_place) = (*depths, *places);
-        let mut hit = [false; N];
-        let mut z = [0.0; N];
-        for lane in 0..N {
+        let mut hit = [false; WIDE];
+        let mut z = [0.0; WIDE];
+        for lane in 0..WIDE {
             z[lane] = self.depth(line, lane);
             hit[lane] = (self.q(line, lane) < rim[lane]) & (z[lane] > was_depth[lane]);
         }
-        let mut place = [place; N];
-        for lane in 0..N {
+        let mut place = [place; WIDE];
+        for lane in 0..WIDE {
             z[lane] = if hit[lane] { z[lane] } else { was_depth[lane] };
             place[lane] = if hit[lane] {
                 place[lane]
