@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use super::compose::Object;
 use super::edge::{Edges, FindEdges, SampleEdges};
-use super::shade::{BACKGROUND, Eight, Normals, Paint, Shader};
+use super::shade::{BACKGROUND, Eight, LAID_OPEN, Normals, Paint, SURFACE, Shader};
 use super::span::{Blend, Drawn, Fronts, NORMALS, NOTHING, Span, WIDE, WITH_VALUES, wide};
 use super::splat::{Eye, FLAT, QUAD, Splats};
 use super::squares::{Hide, Squares};
@@ -79,14 +79,23 @@ thread_local! {
 pub(super) struct Painter<'a> {
     object: &'a Object<'a>,
     eye: Eye,
-    /// Those that have voxels, near the viewer first as the octant of the viewing direction has it.
-    rows: Vec<Row>,
+    /// Near the viewer first, as their rows, as the octant of the viewing direction has it.
+    planes: Vec<Plane>,
     shader: Shader,
     size: usize,
     /// Discs within this depth of the foremost belong to the same surface.
     blend_mm: f32,
     /// A larger jump of depth between pixels is an edge.
     edge_mm: f32,
+}
+
+/// The rows of the semi-boundary that have one z and any voxels, on the picture.
+#[derive(Debug)]
+struct Plane {
+    rows: Vec<Row>,
+    /// From where to where their voxels reach, pixels from the top.
+    top: f32,
+    bottom: f32,
 }
 
 /// A row of the semi-boundary on the picture.
@@ -144,7 +153,7 @@ impl<'a> Painter<'a> {
         let eye = Eye::new(camera, object.surface);
         Self {
             object,
-            rows: rows(object.surface, &eye),
+            planes: planes(object.surface, &eye),
             eye,
             shader: Shader::new(object.opacity),
             size: camera.size(),
@@ -267,8 +276,12 @@ impl<'a> Painter<'a> {
                     continue;
                 };
                 let pixels = number * size + first..number * size + (first + WIDE).min(size);
-                let everything = places.iter().fold(NOTHING, |all, place| all & place);
-                if everything == NOTHING {
+                let (mut all_nothing, mut any_nothing) = (true, false);
+                for &place in places {
+                    all_nothing &= place == NOTHING;
+                    any_nothing |= place == NOTHING;
+                }
+                if all_nothing {
                     match &mut colours {
                         Colours::Picture(picture) => picture[pixels].fill(BACKGROUND),
                         Colours::Layer(layer) => layer[pixels].fill([0; 4]),
@@ -278,10 +291,15 @@ impl<'a> Painter<'a> {
                 let shaded = self.shaded::<PLANES>(places, drawn, sums + first, span.stride());
                 match &mut colours {
                     Colours::Picture(picture) => {
-                        for (lane, pixel) in picture[pixels].iter_mut().enumerate() {
-                            let [r, g, b, _] = shaded[lane];
-                            let is_nothing = places[lane] == NOTHING;
-                            *pixel = if is_nothing { BACKGROUND } else { [r, g, b] };
+                        let picture = &mut picture[pixels];
+                        for (pixel, [r, g, b, _]) in picture.iter_mut().zip(shaded) {
+                            *pixel = [r, g, b];
+                        }
+                        if any_nothing {
+                            let lanes = picture.iter_mut().zip(places);
+                            for (pixel, _) in lanes.filter(|(_, place)| **place == NOTHING) {
+                                *pixel = BACKGROUND;
+                            }
                         }
                     }
                     Colours::Layer(layer) => {
@@ -321,9 +339,11 @@ impl<'a> Painter<'a> {
                 };
             }
         }
-        let mut cut = [false; WIDE];
+        let (mut light, mut gloss) = ([SURFACE.0; WIDE], [SURFACE.1; WIDE]);
         for lane in 0..WIDE {
-            cut[lane] = places[lane] & FLAT != 0;
+            if places[lane] & FLAT != 0 {
+                (light[lane], gloss[lane]) = LAID_OPEN;
+            }
         }
         self.shader.shade(
             &self.object.paint,
@@ -334,7 +354,8 @@ impl<'a> Painter<'a> {
                     z: sums[2],
                 },
                 values,
-                cut,
+                light,
+                gloss,
             },
         )
     }
@@ -360,10 +381,12 @@ impl<'a> Painter<'a> {
         let (top, bottom) = (first - reach, last + reach);
         let [flip, _, _] = self.eye.reversed();
         let step = self.eye.along_row();
-        splats.all.clear();
-        splats.clips.clear();
-        for row in &self.rows {
-            if row.bottom < top || row.top > bottom {
+        splats.clear(span.first..span.first + span.rows as isize);
+        let is_near = |rows_top: f32, rows_bottom: f32| rows_bottom >= top && rows_top <= bottom;
+        let planes = self.planes.iter();
+        let planes = planes.filter(|plane| is_near(plane.top, plane.bottom));
+        for row in planes.flat_map(|plane| &plane.rows) {
+            if !is_near(row.top, row.bottom) {
                 continue;
             }
             let (y, z) = (usize::from(row.y), usize::from(row.z));
@@ -382,26 +405,24 @@ impl<'a> Painter<'a> {
                 self.eye.splats(voxel, index, at, place, splats);
             }
         }
-        splats.all.retain(|splat| !span.rows_of(splat).is_empty());
+        self.eye.flush(splats);
     }
 }
 
-/// The rows that have voxels.
-fn rows(surface: &SemiBoundary, eye: &Eye) -> Vec<Row> {
+/// The planes of the semi-boundary.
+fn planes(surface: &SemiBoundary, eye: &Eye) -> Vec<Plane> {
     let [_, ny, nz] = surface.grid().dims();
     let [_, flip_y, flip_z] = eye.reversed();
     let step = eye.along_row();
-    let mut rows = Vec::new();
-    for z in ordered(nz, flip_z) {
-        for y in ordered(ny, flip_y) {
+    let plane = |at: usize| {
+        let z = if flip_z { nz - 1 - at } else { at };
+        let rows = ordered(ny, flip_y).filter_map(|y| {
             let range = surface.row_range(y, z);
-            let voxels = surface.voxels().get(range.clone()).unwrap_or_default();
-            let (Some(head), Some(tail)) = (voxels.first(), voxels.last()) else {
-                continue;
-            };
+            let voxels = surface.voxels().get(range.clone())?;
             let origin = eye.row(y, z);
-            let [a, b] = [head, tail].map(|voxel| origin.y + step.y * voxel.x() as f32);
-            rows.push(Row {
+            let [a, b] =
+                [voxels.first()?, voxels.last()?].map(|voxel| origin.y + step.y * voxel.x() as f32);
+            Some(Row {
                 // A grid has at most 32767 voxels along an axis, and places have 31 bits.
                 y: y as u16,
                 z: z as u16,
@@ -410,10 +431,16 @@ fn rows(surface: &SemiBoundary, eye: &Eye) -> Vec<Row> {
                 origin,
                 top: a.min(b),
                 bottom: a.max(b),
-            });
+            })
+        });
+        let rows: Vec<Row> = rows.collect();
+        Plane {
+            top: rows.iter().fold(f32::INFINITY, |top, row| top.min(row.top)),
+            bottom: (rows.iter()).fold(f32::NEG_INFINITY, |bottom, row| bottom.max(row.bottom)),
+            rows,
         }
-    }
-    rows
+    };
+    (0..nz).into_par_iter().map(plane).collect()
 }
 
 /// 0 to `len`, or the other way round.

@@ -12,8 +12,10 @@ pub const BACKGROUND: [u8; 3] = [28, 28, 34];
 pub const SKIN: [u8; 3] = [226, 184, 158];
 /// Colour of bone, sRGB.
 pub const BONE: [u8; 3] = [236, 226, 200];
-/// How much darker what a cut or the end of the scan lays open is than the surface.
-const CUT: f32 = 0.45;
+/// Shares of light that a surface returns, and that it mirrors.
+pub(super) const SURFACE: (f32, f32) = (1.0, 0.10);
+/// The same of what a cut or the end of the scan lays open.
+pub(super) const LAID_OPEN: (f32, f32) = (0.45, 0.0);
 
 /// How an object is coloured.
 #[derive(Clone, Copy)]
@@ -59,8 +61,6 @@ pub(super) struct Shader {
 const AMBIENT: f32 = 0.08;
 /// Cosine beyond 90 degrees up to which a light reaches.
 const WRAP: f32 = 0.4;
-/// Share of light that is mirrored.
-const GLOSS: f32 = 0.10;
 
 impl Shader {
     pub(super) fn new(opacity: f64) -> Self {
@@ -110,10 +110,8 @@ impl Shader {
                 let facing = positive(normals.dot(light.direction, lane) + WRAP) / (1.0 + WRAP);
                 diffuse += light.strength * facing * facing;
             }
-            let cut = eight.cut[lane];
-            let diffuse = if cut { CUT * diffuse } else { diffuse };
-            let shine = power_32(normals.dot(self.half, lane)) * GLOSS;
-            let shine = if cut { 0.0 } else { shine };
+            let diffuse = eight.light[lane] * diffuse;
+            let shine = power_32(normals.dot(self.half, lane)) * eight.gloss[lane];
             for channel in 0..3 {
                 steps[channel][lane] = Srgb::step(linear[channel][lane] * diffuse + shine);
             }
@@ -147,8 +145,10 @@ pub(super) struct Eight {
     pub normals: Normals,
     /// What they are coloured by, where they are coloured by a value.
     pub values: [f32; WIDE],
-    /// Whether they show what a cut or the end of the scan lays open.
-    pub cut: [bool; WIDE],
+    /// Share of the light that they return: [`SURFACE`] or [`LAID_OPEN`].
+    pub light: [f32; WIDE],
+    /// Share of it that they mirror.
+    pub gloss: [f32; WIDE],
 }
 
 /// Eight vectors, by component.
@@ -175,9 +175,10 @@ impl Eight {
             let (x, y, z) = (unit.x[lane], unit.y[lane], unit.z[lane]);
             let inverse = 1.0 / (x * x + y * y + z * z).sqrt();
             let known = (inverse > 0.0) & (inverse < f32::INFINITY);
-            unit.x[lane] = if known { x * inverse } else { 0.0 };
-            unit.y[lane] = if known { y * inverse } else { 0.0 };
-            unit.z[lane] = if known { z * inverse } else { 1.0 };
+            let (inverse, toward) = if known { (inverse, 0.0) } else { (0.0, 1.0) };
+            unit.x[lane] = x * inverse;
+            unit.y[lane] = y * inverse;
+            unit.z[lane] = z * inverse + toward;
         }
         unit
     }

@@ -1,7 +1,7 @@
 use glam::{DVec3, Vec3};
 use ndarray::Array3;
 
-use super::shade::{Eight, Normals, Shader};
+use super::shade::{Eight, Normals, SURFACE, Shader};
 use super::span::WIDE;
 use super::*;
 use crate::space::{Grid, GridPoint};
@@ -131,7 +131,8 @@ fn a_ball_is_a_disc_with_its_own_shading_from_everywhere() {
                             z: [normal.z; WIDE],
                         },
                         values: [0.0; WIDE],
-                        cut: [false; WIDE],
+                        light: [SURFACE.0; WIDE],
+                        gloss: [SURFACE.1; WIDE],
                     };
                     let [[red, green, blue, _], ..] = shader.shade(&objects[0].paint, &eight);
                     let expected = [red, green, blue];
