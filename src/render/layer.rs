@@ -262,6 +262,10 @@ impl<'a> Painter<'a> {
     fn fill<const PLANES: usize>(&self, band: Band<'_>, span: Span, drawn: &Drawn) {
         let size = self.size;
         let mut colours = band.colours;
+        let plain = match self.object.paint {
+            Paint::Plain(colour) => self.shader.linear(&[colour; WIDE]),
+            Paint::Scalar { .. } => [[0.0; WIDE]; 3],
+        };
         let rows = band.depth.chunks_mut(size).zip(band.place.chunks_mut(size));
         for (number, (depth, place)) in rows.enumerate() {
             let begin = span.begin(number + 1);
@@ -288,7 +292,8 @@ impl<'a> Painter<'a> {
                     }
                     continue;
                 }
-                let shaded = self.shaded::<PLANES>(places, drawn, sums + first, span.stride());
+                let shaded =
+                    self.shaded::<PLANES>(places, &plain, drawn, sums + first, span.stride());
                 match &mut colours {
                     Colours::Picture(picture) => {
                         let picture = &mut picture[pixels];
@@ -318,6 +323,7 @@ impl<'a> Painter<'a> {
     fn shaded<const PLANES: usize>(
         &self,
         places: &[u32; WIDE],
+        plain: &[[f32; WIDE]; 3],
         drawn: &Drawn,
         at: usize,
         stride: usize,
@@ -328,16 +334,14 @@ impl<'a> Painter<'a> {
                 *sums = *found;
             }
         }
-        let mut values = [0.0; WIDE];
-        if PLANES == WITH_VALUES {
-            for (lane, value) in values.iter_mut().enumerate() {
-                let weight = sums[NORMALS][lane];
-                *value = if weight > 0.0 {
-                    sums[NORMALS + 1][lane] / weight
-                } else {
-                    0.0
-                };
+        let mut colours = *plain;
+        if let (WITH_VALUES, Paint::Scalar { colour, .. }) = (PLANES, &self.object.paint) {
+            let mut lanes = [[0; 3]; WIDE];
+            for (lane, to) in lanes.iter_mut().enumerate() {
+                let (weight, sum) = (sums[NORMALS][lane], sums[NORMALS + 1][lane]);
+                *to = colour(if weight > 0.0 { sum / weight } else { 0.0 });
             }
+            colours = self.shader.linear(&lanes);
         }
         let (mut light, mut gloss) = ([SURFACE.0; WIDE], [SURFACE.1; WIDE]);
         for lane in 0..WIDE {
@@ -346,14 +350,13 @@ impl<'a> Painter<'a> {
             }
         }
         self.shader.shade(
-            &self.object.paint,
+            &colours,
             &Eight {
                 normals: Normals {
                     x: sums[0],
                     y: sums[1],
                     z: sums[2],
                 },
-                values,
                 light,
                 gloss,
             },

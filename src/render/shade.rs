@@ -82,26 +82,22 @@ impl Shader {
         }
     }
 
-    /// sRGB and opacity of 255 of eight pixels, given the sums of their normals and what they are coloured by.
+    /// Colours in linear light, by channel.
     #[inline(always)]
-    pub(super) fn shade(&self, paint: &Paint<'_>, eight: &Eight) -> [[u8; 4]; WIDE] {
-        let normals = eight.unit_normals();
+    pub(super) fn linear(&self, colours: &[[u8; 3]; WIDE]) -> [[f32; WIDE]; 3] {
         let mut linear = [[0.0; WIDE]; 3];
-        match paint {
-            Paint::Plain(colour) => {
-                for channel in 0..3 {
-                    linear[channel] = [self.srgb.linear(colour[channel]); WIDE];
-                }
-            }
-            Paint::Scalar { colour, .. } => {
-                for lane in 0..WIDE {
-                    let colour = colour(eight.values[lane]);
-                    for channel in 0..3 {
-                        linear[channel][lane] = self.srgb.linear(colour[channel]);
-                    }
-                }
+        for lane in 0..WIDE {
+            for channel in 0..3 {
+                linear[channel][lane] = self.srgb.linear(colours[lane][channel]);
             }
         }
+        linear
+    }
+
+    /// sRGB and opacity of 255 of eight pixels, given their colours in linear light, by channel.
+    #[inline(always)]
+    pub(super) fn shade(&self, linear: &[[f32; WIDE]; 3], eight: &Eight) -> [[u8; 4]; WIDE] {
+        let normals = eight.unit_normals();
         let mut steps = [[0.0; WIDE]; 3];
         for lane in 0..WIDE {
             let mut diffuse = AMBIENT;
@@ -141,10 +137,8 @@ impl Shader {
 /// Eight pixels to shade.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Eight {
-    /// Normals of any length: right, up, towards the viewer.
+    /// Normals of any length that is finite: right, up, towards the viewer.
     pub normals: Normals,
-    /// What they are coloured by, where they are coloured by a value.
-    pub values: [f32; WIDE],
     /// Share of the light that they return: [`SURFACE`] or [`LAID_OPEN`].
     pub light: [f32; WIDE],
     /// Share of it that they mirror.
@@ -173,9 +167,13 @@ impl Eight {
         let mut unit = self.normals;
         for lane in 0..WIDE {
             let (x, y, z) = (unit.x[lane], unit.y[lane], unit.z[lane]);
-            let inverse = 1.0 / (x * x + y * y + z * z).sqrt();
-            let known = (inverse > 0.0) & (inverse < f32::INFINITY);
-            let (inverse, toward) = if known { (inverse, 0.0) } else { (0.0, 1.0) };
+            let square = x * x + y * y + z * z;
+            let inverse = 1.0 / square.sqrt();
+            let (inverse, toward) = if square > 0.0 {
+                (inverse, 0.0)
+            } else {
+                (0.0, 1.0)
+            };
             unit.x[lane] = x * inverse;
             unit.y[lane] = y * inverse;
             unit.z[lane] = z * inverse + toward;

@@ -130,11 +130,11 @@ fn a_ball_is_a_disc_with_its_own_shading_from_everywhere() {
                             y: [normal.y; WIDE],
                             z: [normal.z; WIDE],
                         },
-                        values: [0.0; WIDE],
                         light: [SURFACE.0; WIDE],
                         gloss: [SURFACE.1; WIDE],
                     };
-                    let [[red, green, blue, _], ..] = shader.shade(&objects[0].paint, &eight);
+                    let [[red, green, blue, _], ..] =
+                        shader.shade(&shader.linear(&[SKIN; WIDE]), &eight);
                     let expected = [red, green, blue];
                     for (found, expected) in pixel.iter().zip(expected) {
                         assert!(
