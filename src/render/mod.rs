@@ -13,8 +13,11 @@
 
 mod camera;
 mod compose;
+mod edge;
 mod layer;
+mod memory;
 mod shade;
+mod span;
 mod splat;
 mod squares;
 

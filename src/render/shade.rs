@@ -2,9 +2,9 @@
 
 use std::sync::OnceLock;
 
-use glam::{BVec4A, Vec3, Vec4};
+use glam::Vec3;
 
-use super::splat::QUAD;
+use super::span::WIDE;
 
 /// What is behind everything, sRGB.
 pub const BACKGROUND: [u8; 3] = [28, 28, 34];
@@ -12,8 +12,10 @@ pub const BACKGROUND: [u8; 3] = [28, 28, 34];
 pub const SKIN: [u8; 3] = [226, 184, 158];
 /// Colour of bone, sRGB.
 pub const BONE: [u8; 3] = [236, 226, 200];
-/// How much darker what a cut or the end of the scan lays open is than the surface.
-const CUT: f32 = 0.45;
+/// Shares of light that a surface returns, and that it mirrors.
+pub(super) const SURFACE: (f32, f32) = (1.0, 0.10);
+/// The same of what a cut or the end of the scan lays open.
+pub(super) const LAID_OPEN: (f32, f32) = (0.45, 0.0);
 
 /// How an object is coloured.
 #[derive(Clone, Copy)]
@@ -59,8 +61,6 @@ pub(super) struct Shader {
 const AMBIENT: f32 = 0.08;
 /// Cosine beyond 90 degrees up to which a light reaches.
 const WRAP: f32 = 0.4;
-/// Share of light that is mirrored.
-const GLOSS: f32 = 0.10;
 
 impl Shader {
     pub(super) fn new(opacity: f64) -> Self {
@@ -82,89 +82,115 @@ impl Shader {
         }
     }
 
-    /// sRGB and opacity of 255 of four pixels, given the sums of their normals and what they are coloured by.
+    /// Colours in linear light, by channel.
     #[inline(always)]
-    pub(super) fn shade(&self, paint: &Paint<'_>, quad: &Quad) -> [[u8; 4]; QUAD] {
-        let normal = quad.unit_normals();
-        let diffuse = self.lights.iter().fold(Vec4::splat(AMBIENT), |sum, light| {
-            // A light reaches a little around the edge of its shadow, as in tissue, and fades out.
-            let facing = (normal.dot(light.direction) + WRAP).max(Vec4::ZERO) / (1.0 + WRAP);
-            sum + light.strength * facing * facing
-        });
-        let diffuse = Vec4::select(quad.cut, CUT * diffuse, diffuse);
-        let shine = power_32(normal.dot(self.half)) * GLOSS;
-        let shine = Vec4::select(quad.cut, Vec4::ZERO, shine);
-        let [r, g, b] = match paint {
-            Paint::Plain(colour) => colour.map(|value| Vec4::splat(self.srgb.linear(value))),
-            Paint::Scalar { colour, .. } => {
-                let lanes = quad.values.to_array().map(colour);
-                [0, 1, 2]
-                    .map(|channel| Vec4::from(lanes.map(|lane| self.srgb.linear(lane[channel]))))
+    pub(super) fn linear(&self, colours: &[[u8; 3]; WIDE]) -> [[f32; WIDE]; 3] {
+        let mut linear = [[0.0; WIDE]; 3];
+        for lane in 0..WIDE {
+            for channel in 0..3 {
+                linear[channel][lane] = self.srgb.linear(colours[lane][channel]);
             }
         }
-        .map(|colour| self.srgb.encode_quad(colour * diffuse + shine));
-        let a = self.opacity(normal.z);
-        std::array::from_fn(|lane| [r[lane], g[lane], b[lane], a[lane]])
+        linear
+    }
+
+    /// sRGB and opacity of 255 of eight pixels, given their colours in linear light, by channel.
+    #[inline(always)]
+    pub(super) fn shade(&self, linear: &[[f32; WIDE]; 3], eight: &Eight) -> [[u8; 4]; WIDE] {
+        let normals = eight.unit_normals();
+        let mut steps = [[0.0; WIDE]; 3];
+        for lane in 0..WIDE {
+            let mut diffuse = AMBIENT;
+            for light in &self.lights {
+                // A light reaches a little around the edge of its shadow, as in tissue, and fades out.
+                let facing = positive(normals.dot(light.direction, lane) + WRAP) / (1.0 + WRAP);
+                diffuse += light.strength * facing * facing;
+            }
+            let diffuse = eight.light[lane] * diffuse;
+            let shine = power_32(normals.dot(self.half, lane)) * eight.gloss[lane];
+            for channel in 0..3 {
+                steps[channel][lane] = Srgb::step(linear[channel][lane] * diffuse + shine);
+            }
+        }
+        let mut shaded = [[u8::MAX; 4]; WIDE];
+        for (lane, shaded) in shaded.iter_mut().enumerate() {
+            for channel in 0..3 {
+                shaded[channel] = self.srgb.encoded(steps[channel][lane]);
+            }
+        }
+        if self.opacity < 1.0 {
+            for (lane, shaded) in shaded.iter_mut().enumerate() {
+                shaded[3] = self.opacity(normals.z[lane]);
+            }
+        }
+        shaded
     }
 
     /// What is translucent is seen through a longer way where it is seen edge on.
-    #[inline(always)]
-    fn opacity(&self, facing: Vec4) -> [u8; QUAD] {
-        if self.opacity >= 1.0 {
-            return [u8::MAX; QUAD];
-        }
-        facing.to_array().map(|facing| {
-            let way = 1.0 / facing.max(0.25);
-            let opacity = 1.0 - libm::powf(1.0 - self.opacity, way);
-            (opacity * 255.0 + 0.5) as u8
-        })
+    fn opacity(&self, facing: f32) -> u8 {
+        let way = 1.0 / facing.max(0.25);
+        let opacity = 1.0 - libm::powf(1.0 - self.opacity, way);
+        (opacity * 255.0 + 0.5) as u8
     }
 }
 
-/// Four pixels to shade.
+/// Eight pixels to shade.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Quad {
-    /// Normals of any length: right, up, towards the viewer.
+pub(super) struct Eight {
+    /// Normals of any length that is finite: right, up, towards the viewer.
     pub normals: Normals,
-    /// What they are coloured by, where they are coloured by a value.
-    pub values: Vec4,
-    /// Whether they show what a cut or the end of the scan lays open.
-    pub cut: BVec4A,
+    /// Share of the light that they return: [`SURFACE`] or [`LAID_OPEN`].
+    pub light: [f32; WIDE],
+    /// Share of it that they mirror.
+    pub gloss: [f32; WIDE],
 }
 
-/// Four vectors, by component.
+/// Eight vectors, by component.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Normals {
-    pub x: Vec4,
-    pub y: Vec4,
-    pub z: Vec4,
+    pub x: [f32; WIDE],
+    pub y: [f32; WIDE],
+    pub z: [f32; WIDE],
 }
 
 impl Normals {
     #[inline(always)]
-    fn dot(&self, to: Vec3) -> Vec4 {
-        self.x * to.x + self.y * to.y + self.z * to.z
+    fn dot(&self, to: Vec3, lane: usize) -> f32 {
+        self.x[lane] * to.x + self.y[lane] * to.y + self.z[lane] * to.z
     }
 }
 
-impl Quad {
+impl Eight {
     /// Of length 1; towards the viewer where there is none.
     #[inline(always)]
     fn unit_normals(&self) -> Normals {
-        let Normals { x, y, z } = self.normals;
-        let inverse = (x * x + y * y + z * z).sqrt().recip();
-        let known = inverse.cmpgt(Vec4::ZERO) & inverse.cmplt(Vec4::INFINITY);
-        Normals {
-            x: Vec4::select(known, x * inverse, Vec4::ZERO),
-            y: Vec4::select(known, y * inverse, Vec4::ZERO),
-            z: Vec4::select(known, z * inverse, Vec4::ONE),
+        let mut unit = self.normals;
+        for lane in 0..WIDE {
+            let (x, y, z) = (unit.x[lane], unit.y[lane], unit.z[lane]);
+            let square = x * x + y * y + z * z;
+            let inverse = 1.0 / square.sqrt();
+            let (inverse, toward) = if square > 0.0 {
+                (inverse, 0.0)
+            } else {
+                (0.0, 1.0)
+            };
+            unit.x[lane] = x * inverse;
+            unit.y[lane] = y * inverse;
+            unit.z[lane] = z * inverse + toward;
         }
+        unit
     }
 }
 
+/// What is below 0, or no number, as 0.
 #[inline(always)]
-fn power_32(value: Vec4) -> Vec4 {
-    let mut power = value.max(Vec4::ZERO);
+fn positive(value: f32) -> f32 {
+    if value > 0.0 { value } else { 0.0 }
+}
+
+#[inline(always)]
+fn power_32(value: f32) -> f32 {
+    let mut power = positive(value);
     for _ in 0..5 {
         power *= power;
     }
@@ -197,17 +223,22 @@ impl Srgb {
 
     #[inline(always)]
     pub(super) fn encode(&self, value: f32) -> u8 {
-        self.encode_quad(Vec4::splat(value))[0]
+        self.encoded(Self::step(value))
     }
 
-    /// Four values; what is beyond 0 and 1 as these.
+    /// Where a value is in the table, what is beyond 0 and 1 as these: in the lowest bits of a number to which it was
+    /// added and which rounds it.
     #[inline(always)]
-    fn encode_quad(&self, values: Vec4) -> [u8; QUAD] {
-        // Added to a number below it, this rounds it to a whole one, which is then in its lowest bits.
+    fn step(value: f32) -> f32 {
         const LIFT: f32 = (1 << 23) as f32;
-        let steps = values.clamp(Vec4::ZERO, Vec4::ONE) * (STEPS - 1) as f32 + LIFT;
-        let encode = |step: f32| self.encoded[step.to_bits() as usize % STEPS];
-        steps.to_array().map(encode)
+        let value = positive(value);
+        let value = if value < 1.0 { value } else { 1.0 };
+        value * (STEPS - 1) as f32 + LIFT
+    }
+
+    #[inline(always)]
+    fn encoded(&self, step: f32) -> u8 {
+        self.encoded[step.to_bits() as usize % STEPS]
     }
 }
 

@@ -1,8 +1,12 @@
 //! What one boundary voxel draws: a disc in the plane of its surface, as an ellipse on the picture.
 
+use std::mem;
+use std::ops::Range;
+
 use glam::{DVec3, Vec3};
 
 use super::camera::Camera;
+use super::span::WIDE;
 use crate::surface::{BoundaryVoxel, NeighbourCode, SemiBoundary};
 
 /// Set in the place of a voxel where its flat end is meant, and not its surface.
@@ -99,8 +103,63 @@ pub(super) struct Splat {
     pub place: u32,
     /// Unit normal: right, up, towards the viewer.
     pub normal: Vec3,
-    /// Where the disc is cut off.
-    pub clips: Option<Clips>,
+    /// Where the disc is cut off: its number among [`Splats::clips`], or [`UNCLIPPED`].
+    pub clips: u32,
+}
+
+/// Of a disc that is not cut off.
+const UNCLIPPED: u32 = u32::MAX;
+
+/// Discs in the order in which they are drawn. Made once by a worker and used for all of its bands.
+#[derive(Debug, Default)]
+pub(super) struct Splats {
+    pub all: Vec<Splat>,
+    /// Few discs are cut off.
+    pub clips: Vec<Clips>,
+    /// The rows that are drawn: others' discs are left out.
+    rows: Range<isize>,
+    waiting: Waiting,
+}
+
+/// Voxels that draw one disc each, until there are enough of them to be computed at once.
+#[derive(Debug, Default)]
+struct Waiting {
+    count: usize,
+    voxels: [BoundaryVoxel; WIDE],
+    /// Where they are on the picture.
+    at: Three<WIDE>,
+    places: [u32; WIDE],
+}
+
+impl Splats {
+    pub(super) fn clear(&mut self, rows: Range<isize>) {
+        self.all.clear();
+        self.clips.clear();
+        self.rows = rows;
+        self.waiting.count = 0;
+    }
+
+    #[inline(always)]
+    fn push(&mut self, splat: Splat) {
+        let (begin, end) = splat.rows();
+        if begin < self.rows.end && end > self.rows.start {
+            self.all.push(splat);
+        }
+    }
+
+    fn push_clipped(&mut self, mut splat: Splat, clips: Clips) {
+        splat.clips = self.clips.len() as u32;
+        self.clips.push(clips);
+        self.push(splat);
+    }
+}
+
+/// Some vectors, by component.
+#[derive(Debug, Clone, Copy)]
+struct Three<const N: usize> {
+    x: [f32; N],
+    y: [f32; N],
+    z: [f32; N],
 }
 
 impl Eye {
@@ -177,7 +236,8 @@ impl Eye {
         (offset + self.longest_radius) * self.pixels_per_mm + 1.0
     }
 
-    /// What a voxel draws, its centre at `at` on the picture.
+    /// What a voxel draws, its centre at `at` on the picture. Of most it is drawn a little later, in the same order: not
+    /// after [`Eye::flush`].
     #[inline(always)]
     pub(super) fn splats(
         &self,
@@ -185,12 +245,62 @@ impl Eye {
         index: [usize; 3],
         at: Vec3,
         place: u32,
-        to: &mut Vec<Splat>,
+        to: &mut Splats,
     ) {
-        let faces = voxel.code().faces();
-        if faces & self.not_away == 0 {
+        let code = voxel.code();
+        if code.faces() & self.not_away == 0 {
             return;
         }
+        let near_end = self.ends.near(index);
+        if near_end | code.is_cut() | code.is_thin() {
+            self.flush(to);
+            self.special(voxel, index, at, place, to);
+            return;
+        }
+        let waiting = &mut to.waiting;
+        let lane = waiting.count % WIDE;
+        waiting.voxels[lane] = voxel;
+        (waiting.at.x[lane], waiting.at.y[lane], waiting.at.z[lane]) = at.into();
+        waiting.places[lane] = place;
+        waiting.count = lane + 1;
+        if waiting.count == WIDE {
+            self.flush(to);
+        }
+    }
+
+    /// Draws the voxels that wait.
+    #[inline(always)]
+    pub(super) fn flush(&self, to: &mut Splats) {
+        let count = mem::take(&mut to.waiting.count);
+        if count == 0 {
+            return;
+        }
+        let Waiting {
+            voxels, at, places, ..
+        } = to.waiting;
+        let mut offsets = [0.0; WIDE];
+        for lane in 0..WIDE {
+            offsets[lane] = voxels[lane].offset_steps() * self.offset_step;
+        }
+        let [x, y, z] = BoundaryVoxel::normals(&voxels);
+        let seen = self.seen(&Three { x, y, z });
+        let discs = self.discs(&seen, &offsets, RADIUS, &at);
+        for lane in 0..count.min(WIDE) {
+            if seen.z[lane] >= 0.0 {
+                to.push(discs.splat(lane, places[lane]));
+            }
+        }
+    }
+
+    /// What a voxel draws that something thin or the end of what is drawn passes through.
+    fn special(
+        &self,
+        voxel: BoundaryVoxel,
+        index: [usize; 3],
+        at: Vec3,
+        place: u32,
+        to: &mut Splats,
+    ) {
         let near_end = self.ends.near(index);
         let normal = voxel.normal();
         if near_end {
@@ -199,31 +309,32 @@ impl Eye {
         if voxel.code().is_cut() {
             return;
         }
-        let seen = self.seen(normal);
+        let seen = self.seen_one(normal);
         let offset = voxel.offset_steps() * self.offset_step;
         if voxel.code().is_thin() {
-            let mut core = self.core(normal, seen, offset, at, place);
-            if near_end && let Some(clips) = &mut core.clips {
+            let (core, mut clips) = self.core(normal, seen, offset, at, place);
+            if near_end {
                 let [first, second, _] = self.clips(index, Vec3::ZERO, 0.0, 0.0);
                 (clips[0], clips[1]) = (first, second);
             }
-            to.push(core);
+            to.push_clipped(core, clips);
         }
         if seen.z < 0.0 {
             return;
         }
-        let mut splat = self.disc(seen, offset, RADIUS, at, place);
+        let splat = self.disc(seen, offset, RADIUS, at, place);
         if near_end {
-            splat.clips = Some(self.clips(index, normal * offset, splat.zx, splat.zy));
+            let clips = self.clips(index, normal * offset, splat.zx, splat.zy);
+            to.push_clipped(splat, clips);
+        } else {
+            to.push(splat);
         }
-        to.push(splat);
     }
 
     /// Something a voxel thick has two surfaces, of which one normal tells one, or turns within a voxel by
     /// more than discs bridge. So its middle is drawn as well: a disc that faces the viewer, up to where the
     /// surface is known to be.
-    #[inline(always)]
-    fn core(&self, normal: Vec3, seen: Vec3, offset: f32, at: Vec3, place: u32) -> Splat {
+    fn core(&self, normal: Vec3, seen: Vec3, offset: f32, at: Vec3, place: u32) -> (Splat, Clips) {
         let mut splat = self.disc(Vec3::Z, 0.0, CORE_RADIUS, at, place);
         // Of the side that is not known, the mirror image is taken.
         splat.normal = Vec3::new(seen.x, seen.y, seen.z.abs());
@@ -231,64 +342,83 @@ impl Eye {
         let down = self.mm_per_pixel * self.up.dot(normal);
         // Where nothing is known of the surface, half a voxel or so.
         let room = offset.max(0.4 * self.ends.spacing.min_element());
-        splat.clips = Some([ALL, ALL, [room, right, down]]);
-        splat
+        (splat, [ALL, ALL, [room, right, down]])
     }
 
-    /// A vector of the grid, as the viewer sees it: right, up, towards the viewer.
+    /// Vectors of the grid, as the viewer sees them: right, up, towards the viewer.
     #[inline(always)]
-    fn seen(&self, vector: Vec3) -> Vec3 {
-        Vec3::new(
-            vector.dot(self.right),
-            vector.dot(self.up),
-            vector.dot(self.toward),
-        )
+    fn seen<const N: usize>(&self, of: &Three<N>) -> Three<N> {
+        let along = |axis: Vec3| {
+            let mut found = [0.0; N];
+            for lane in 0..N {
+                found[lane] = of.x[lane] * axis.x + of.y[lane] * axis.y + of.z[lane] * axis.z;
+            }
+            found
+        };
+        Three {
+            x: along(self.right),
+            y: along(self.up),
+            z: along(self.toward),
+        }
+    }
+
+    fn seen_one(&self, vector: Vec3) -> Vec3 {
+        self.seen(&Three::<1>::one(vector)).get(0)
     }
 
     /// The disc across a normal, `offset` mm along it from a voxel's centre.
-    #[inline(always)]
     fn disc(&self, seen: Vec3, offset: f32, radius: f32, at: Vec3, place: u32) -> Splat {
-        let facing = seen.z.max(LEAST_FACING);
-        let centre = at
-            + Vec3::new(
-                offset * seen.x * self.pixels_per_mm,
-                -offset * seen.y * self.pixels_per_mm,
-                offset * seen.z,
-            );
-        let zx = -seen.x / facing * self.mm_per_pixel;
-        let zy = seen.y / facing * self.mm_per_pixel;
+        let discs = self.discs::<1>(&Three::one(seen), &[offset], radius, &Three::one(at));
+        discs.splat(0, place)
+    }
+
+    /// The discs across normals, `offsets` mm along them from voxels' centres.
+    #[inline(always)]
+    fn discs<const N: usize>(
+        &self,
+        seen: &Three<N>,
+        offsets: &[f32; N],
+        radius: f32,
+        at: &Three<N>,
+    ) -> Discs<N> {
         let m = &self.metric;
-        let a = m.rr + 2.0 * zx * m.rt + zx * zx * m.tt;
-        let b = m.rd + zx * m.dt + zy * m.rt + zx * zy * m.tt;
-        let c = m.dd + 2.0 * zy * m.dt + zy * zy * m.tt;
-        // Widened by the low pass, as a covariance.
-        let scale = radius * radius / (a * c - b * b);
-        let (xx, xy, yy) = (c * scale, -b * scale, a * scale);
-        // How depth goes with what lies on the picture, as covariances.
-        let (xz, yz) = (zx * xx + zy * xy, zx * xy + zy * yy);
-        let (xx, yy) = (xx + LOW_PASS, yy + LOW_PASS);
-        let narrow = (xx - LOW_PASS) * (yy - LOW_PASS) - xy * xy;
-        let det = xx * yy - xy * xy;
-        let (a, b, c) = (yy / det, -xy / det, xx / det);
-        // A disc that is seen edge on is as deep as its middle is wherever only the low pass has it reach: on
-        // with its own slope it would stand out far before what is there.
-        let (zx, zy) = (a * xz + b * yz, b * xz + c * yz);
-        Splat {
-            x: centre.x,
-            y: centre.y,
-            z: centre.z,
-            zx,
-            zy,
-            a,
-            b,
-            c,
-            half_width: xx.sqrt(),
-            half_height: yy.sqrt(),
-            strength: (narrow / det).max(0.0).sqrt(),
-            place,
-            normal: seen,
-            clips: None,
+        let mut discs = Discs::new(*at, *seen);
+        for lane in 0..N {
+            let offset = offsets[lane];
+            let seen = seen.get(lane);
+            let facing = if seen.z > LEAST_FACING {
+                seen.z
+            } else {
+                LEAST_FACING
+            };
+            discs.centre.x[lane] += offset * seen.x * self.pixels_per_mm;
+            discs.centre.y[lane] += -offset * seen.y * self.pixels_per_mm;
+            discs.centre.z[lane] += offset * seen.z;
+            let zx = -seen.x / facing * self.mm_per_pixel;
+            let zy = seen.y / facing * self.mm_per_pixel;
+            let a = m.rr + 2.0 * zx * m.rt + zx * zx * m.tt;
+            let b = m.rd + zx * m.dt + zy * m.rt + zx * zy * m.tt;
+            let c = m.dd + 2.0 * zy * m.dt + zy * zy * m.tt;
+            // Widened by the low pass, as a covariance.
+            let scale = radius * radius / (a * c - b * b);
+            let (xx, xy, yy) = (c * scale, -b * scale, a * scale);
+            // How depth goes with what lies on the picture, as covariances.
+            let (xz, yz) = (zx * xx + zy * xy, zx * xy + zy * yy);
+            let (xx, yy) = (xx + LOW_PASS, yy + LOW_PASS);
+            let narrow = (xx - LOW_PASS) * (yy - LOW_PASS) - xy * xy;
+            let det = xx * yy - xy * xy;
+            let (a, b, c) = (yy / det, -xy / det, xx / det);
+            // A disc that is seen edge on is as deep as its middle is wherever only the low pass has it reach: on
+            // with its own slope it would stand out far before what is there.
+            discs.zx[lane] = a * xz + b * yz;
+            discs.zy[lane] = b * xz + c * yz;
+            (discs.a[lane], discs.b[lane], discs.c[lane]) = (a, b, c);
+            discs.half_width[lane] = xx.sqrt();
+            discs.half_height[lane] = yy.sqrt();
+            let share = narrow / det;
+            discs.strength[lane] = if share > 0.0 { share } else { 0.0 }.sqrt();
         }
+        discs
     }
 
     /// The flat faces of a voxel at the end of what is drawn. Where the surface passes through the voxel as
@@ -299,7 +429,7 @@ impl Eye {
         index: [usize; 3],
         at: Vec3,
         place: u32,
-        to: &mut Vec<Splat>,
+        to: &mut Splats,
     ) {
         for (face, outward) in NeighbourCode::FACES.iter().enumerate() {
             let axis = face / 2;
@@ -316,7 +446,7 @@ impl Eye {
             let offset = self.ends.spacing[axis] / 2.0;
             let rim = !voxel.code().is_cut();
             let radius = if rim { RADIUS } else { FLAT_RADIUS };
-            let mut splat = self.disc(self.seen(outward), offset, radius, at, place | FLAT);
+            let splat = self.disc(self.seen_one(outward), offset, radius, at, place | FLAT);
             if rim {
                 let normal = voxel.normal();
                 let surface = voxel.offset_steps() * self.offset_step;
@@ -324,9 +454,10 @@ impl Eye {
                 let right = self.right * self.mm_per_pixel + self.toward * splat.zx;
                 let down = -self.up * self.mm_per_pixel + self.toward * splat.zy;
                 let room = surface - (outward * offset).dot(normal);
-                splat.clips = Some([ALL, ALL, [room, along(right), along(down)]]);
+                to.push_clipped(splat, [ALL, ALL, [room, along(right), along(down)]]);
+            } else {
+                to.push(splat);
             }
-            to.push(splat);
         }
     }
 
@@ -366,6 +497,79 @@ impl Ends {
     #[inline(always)]
     fn near(&self, index: [usize; 3]) -> bool {
         (0..3).any(|axis| index[axis] <= self.first[axis] + 1 || index[axis] + 1 >= self.last[axis])
+    }
+}
+
+impl<const N: usize> Three<N> {
+    fn one(vector: Vec3) -> Self {
+        Self {
+            x: [vector.x; N],
+            y: [vector.y; N],
+            z: [vector.z; N],
+        }
+    }
+
+    #[inline(always)]
+    fn get(&self, lane: usize) -> Vec3 {
+        Vec3::new(self.x[lane], self.y[lane], self.z[lane])
+    }
+}
+
+impl<const N: usize> Default for Three<N> {
+    fn default() -> Self {
+        Self::one(Vec3::ZERO)
+    }
+}
+
+/// Some [`Splat`]s, by component.
+struct Discs<const N: usize> {
+    centre: Three<N>,
+    normal: Three<N>,
+    zx: [f32; N],
+    zy: [f32; N],
+    a: [f32; N],
+    b: [f32; N],
+    c: [f32; N],
+    half_width: [f32; N],
+    half_height: [f32; N],
+    strength: [f32; N],
+}
+
+impl<const N: usize> Discs<N> {
+    #[inline(always)]
+    fn new(centre: Three<N>, normal: Three<N>) -> Self {
+        Self {
+            centre,
+            normal,
+            zx: [0.0; N],
+            zy: [0.0; N],
+            a: [0.0; N],
+            b: [0.0; N],
+            c: [0.0; N],
+            half_width: [0.0; N],
+            half_height: [0.0; N],
+            strength: [0.0; N],
+        }
+    }
+
+    #[inline(always)]
+    fn splat(&self, lane: usize, place: u32) -> Splat {
+        Splat {
+            x: self.centre.x[lane],
+            y: self.centre.y[lane],
+            z: self.centre.z[lane],
+            zx: self.zx[lane],
+            zy: self.zy[lane],
+            a: self.a[lane],
+            b: self.b[lane],
+            c: self.c[lane],
+            half_width: self.half_width[lane],
+            half_height: self.half_height[lane],
+            strength: self.strength[lane],
+            place,
+            normal: self.normal.get(lane),
+            clips: UNCLIPPED,
+        }
     }
 }
 

@@ -1,7 +1,8 @@
-use glam::{BVec4A, DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec3};
 use ndarray::Array3;
 
-use super::shade::{Normals, Quad, Shader};
+use super::shade::{Eight, Normals, SURFACE, Shader};
+use super::span::WIDE;
 use super::*;
 use crate::space::{Grid, GridPoint};
 use crate::surface::{Region, SemiBoundary, semi_boundary};
@@ -123,16 +124,17 @@ fn a_ball_is_a_disc_with_its_own_shading_from_everywhere() {
                 if r < 0.9 * radius {
                     let depth = (radius * radius - r * r).sqrt();
                     let normal = Vec3::new(x as f32, y as f32, depth as f32).normalize();
-                    let quad = Quad {
+                    let eight = Eight {
                         normals: Normals {
-                            x: Vec4::splat(normal.x),
-                            y: Vec4::splat(normal.y),
-                            z: Vec4::splat(normal.z),
+                            x: [normal.x; WIDE],
+                            y: [normal.y; WIDE],
+                            z: [normal.z; WIDE],
                         },
-                        values: Vec4::ZERO,
-                        cut: BVec4A::FALSE,
+                        light: [SURFACE.0; WIDE],
+                        gloss: [SURFACE.1; WIDE],
                     };
-                    let [[red, green, blue, _], ..] = shader.shade(&objects[0].paint, &quad);
+                    let [[red, green, blue, _], ..] =
+                        shader.shade(&shader.linear(&[SKIN; WIDE]), &eight);
                     let expected = [red, green, blue];
                     for (found, expected) in pixel.iter().zip(expected) {
                         assert!(

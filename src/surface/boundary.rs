@@ -9,7 +9,7 @@ use crate::space::{Grid, GridPoint};
 use crate::volume::VolumeError;
 
 /// Which of a voxel's six faces are exposed: their neighbour is not in the object.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct NeighbourCode(u8);
 
 impl NeighbourCode {
@@ -86,7 +86,7 @@ impl NeighbourCode {
 }
 
 /// A voxel on the surface of an object, without its y and z, which its row gives.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BoundaryVoxel {
     pub(super) x: u16,
     pub(super) code: NeighbourCode,
@@ -120,6 +120,16 @@ impl BoundaryVoxel {
     #[inline]
     pub fn normal(self) -> Vec3 {
         self.normal.unpack()
+    }
+
+    /// The normals of some voxels, by component.
+    #[inline(always)]
+    pub fn normals<const N: usize>(voxels: &[Self; N]) -> [[f32; N]; 3] {
+        let mut packed = [PackedNormal::default(); N];
+        for lane in 0..N {
+            packed[lane] = voxels[lane].normal;
+        }
+        PackedNormal::unpack_all(&packed)
     }
 }
 

@@ -10,7 +10,7 @@ const STEPS: f64 = i16::MAX as f64;
 ///
 /// Source: Z. H. Cigolle et al., *A Survey of Efficient Representations for Independent Unit Vectors*,
 /// Journal of Computer Graphics Techniques 3(2), 2014.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PackedNormal([i16; 2]);
 
 impl PackedNormal {
@@ -51,15 +51,27 @@ impl PackedNormal {
     /// The unit vector.
     #[inline]
     pub fn unpack(self) -> Vec3 {
+        let [[x], [y], [z]] = Self::unpack_all(&[self]);
+        Vec3::new(x, y, z)
+    }
+
+    /// Some unit vectors, by component.
+    #[inline(always)]
+    pub fn unpack_all<const N: usize>(packed: &[Self; N]) -> [[f32; N]; 3] {
         let scale = 1.0 / STEPS as f32;
-        let (u, v) = (f32::from(self.0[0]) * scale, f32::from(self.0[1]) * scale);
-        let z = 1.0 - u.abs() - v.abs();
-        // Below the equator the corners are folded back.
-        let fold = (-z).max(0.0);
-        let x = u - fold.copysign(u);
-        let y = v - fold.copysign(v);
-        let length = (x * x + y * y + z * z).sqrt();
-        Vec3::new(x, y, z) / length
+        let [mut xs, mut ys, mut zs] = [[0.0; N]; 3];
+        for lane in 0..N {
+            let [u, v] = packed[lane].0;
+            let (u, v) = (f32::from(u) * scale, f32::from(v) * scale);
+            let z = 1.0 - u.abs() - v.abs();
+            // Below the equator the corners are folded back.
+            let fold = if z < 0.0 { -z } else { 0.0 };
+            let x = u - fold.copysign(u);
+            let y = v - fold.copysign(v);
+            let length = (x * x + y * y + z * z).sqrt();
+            (xs[lane], ys[lane], zs[lane]) = (x / length, y / length, z / length);
+        }
+        [xs, ys, zs]
     }
 }
 
