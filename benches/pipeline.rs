@@ -7,11 +7,16 @@
     reason = "a benchmark that cannot be set up should stop"
 )]
 
+use std::fs;
+use std::path::Path;
 use std::sync::OnceLock;
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
+use rhinoplan::exec::events::Silent;
+use rhinoplan::exec::{RunOptions, prepare, run};
 use rhinoplan::feature::{Cage, FeatureKind, FeatureLine, NoseBox};
+use rhinoplan::io::nifti::{self, Template};
 use rhinoplan::measure::{Slabs, region_volumes};
 use rhinoplan::morph::audit::WarpAudit;
 use rhinoplan::morph::chain::{Chain, Lattice};
@@ -23,9 +28,10 @@ use rhinoplan::plan::DEFAULT_SKIN_HU;
 use rhinoplan::render::{Camera, Direction, Object, Paint, SKIN, render};
 use rhinoplan::resample::{gaussian, half};
 use rhinoplan::segment::{Enhance, MEDIAN_SIDE, above, enhance, keep_largest, otsu, segment};
+use rhinoplan::simd::Simd;
 use rhinoplan::space::{ContinuousIndex, Grid, GridPoint};
 use rhinoplan::surface::{Region, SemiBoundary, semi_boundary, signed_distances};
-use rhinoplan::volume::{Mask, Volume};
+use rhinoplan::volume::{Mask, Sample, Volume};
 
 fn main() {
     divan::main();
@@ -33,6 +39,9 @@ fn main() {
 
 /// Voxels along the axes: the paper's CT, and the same head with coarser and finer voxels.
 const SIZES: [[usize; 3]; 3] = [[160, 160, 76], [320, 320, 151], [512, 512, 400]];
+
+/// The paper's CT.
+const PAPER: [usize; 3] = SIZES[1];
 
 const FULL_SIZE: [f64; 3] = [320.0, 320.0, 151.0];
 
@@ -129,6 +138,123 @@ fn morph_local_exact(bencher: Bencher<'_, '_>, size: [usize; 3]) {
 fn morph_local_adaptive(bencher: Bencher<'_, '_>, size: [usize; 3]) {
     let case = case(size);
     morph(bencher, &case, &case.local, tenth_of_a_voxel());
+}
+
+/// What a coarser map saves, on the paper's CT; tolerances in voxels.
+#[divan::bench(args = [0.02, 0.05, 0.1, 0.2, 0.5], sample_count = 5, sample_size = 1)]
+fn morph_lee2001_tolerance(bencher: Bencher<'_, '_>, tolerance: f64) {
+    let case = case(PAPER);
+    let evaluation = Evaluation::Adaptive {
+        tolerance,
+        metric: glam::DVec3::ONE,
+    };
+    morph(bencher, &case, &case.lee2001, evaluation);
+}
+
+/// A morph of the paper's CT with each of the instructions that there are: what they give, in one run.
+fn each_simd(
+    bencher: Bencher<'_, '_>,
+    simd: Simd,
+    chain: impl Fn(&Case) -> &Chain,
+    evaluation: Evaluation,
+) {
+    let case = case(PAPER);
+    let mut bencher = Some(bencher);
+    Simd::compare(|tried| {
+        if tried == simd
+            && let Some(bencher) = bencher.take()
+        {
+            morph(bencher, &case, chain(&case), evaluation);
+        }
+    });
+}
+
+#[divan::bench(args = Simd::all(), sample_count = 5, sample_size = 1)]
+fn simd_lee2001_exact(bencher: Bencher<'_, '_>, simd: Simd) {
+    each_simd(bencher, simd, |case| &case.lee2001, Evaluation::Exact);
+}
+
+#[divan::bench(args = Simd::all(), sample_count = 5, sample_size = 1)]
+fn simd_lee2001_adaptive(bencher: Bencher<'_, '_>, simd: Simd) {
+    each_simd(bencher, simd, |case| &case.lee2001, tenth_of_a_voxel());
+}
+
+#[divan::bench(args = Simd::all(), sample_count = 5, sample_size = 1)]
+fn simd_local_adaptive(bencher: Bencher<'_, '_>, simd: Simd) {
+    each_simd(bencher, simd, |case| &case.local, tenth_of_a_voxel());
+}
+
+/// A folder of this process alone, in the target folder, and away at the end.
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder")
+}
+
+fn template(volume: &Volume<i16>) -> Template {
+    Template::for_grid(volume.grid(), i16::TYPE, volume.rescale()).expect("a header")
+}
+
+/// The head as a header's `f32` places it, so that a file can hold it.
+fn save(volume: &Volume<i16>, file: &Path) {
+    let template = template(volume);
+    let samples = volume.samples().to_owned();
+    let placed = Volume::new(template.grid().clone(), template.rescale(), samples);
+    nifti::save_volume(file, &template, &placed.expect("the same size")).expect("a file");
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn write_gz(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    let folder = folder();
+    let file = folder.path().join("head.nii.gz");
+    bencher
+        .counter(voxels(size))
+        .bench(|| save(black_box(volume), &file));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn read_gz(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let folder = folder();
+    let file = folder.path().join("head.nii.gz");
+    save(head(size), &file);
+    bencher
+        .counter(voxels(size))
+        .bench(|| nifti::read(black_box(&file)).expect("a volume"));
+}
+
+/// A plan from its CT to its tables and `volume.nii.gz`: all that a process does but start.
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn whole_run(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let folder = folder();
+    save(head(size), &folder.path().join("head.nii.gz"));
+    let landmarks = Phantom::lee2001().landmarks_mm();
+    let mut plan = String::from(
+        "plan = 1\nname = \"run\"\n[ct]\npath = \"head.nii.gz\"\n[landmarks]\nframe = \"lps\"\n",
+    );
+    for (name, GridPoint(at)) in [
+        ("nasal_bones", landmarks.nasal_bones),
+        ("lip", landmarks.lip),
+        ("alare_right", landmarks.alare_right),
+        ("alare_left", landmarks.alare_left),
+        ("tip", landmarks.tip),
+        ("maxilla", landmarks.maxilla),
+    ] {
+        plan.push_str(&format!("{name} = [{}, {}, {}]\n", at.x, at.y, at.z));
+    }
+    plan.push_str(
+        "[[candidate]]\nname = \"straight\"\n[[candidate.stage]]\nname = \"straighten\"\n\
+         f1 = [{ deviate = 8.84 }]\n[outputs]\nwrite = [\"volume\"]\n",
+    );
+    let file = folder.path().join("run.toml");
+    fs::write(&file, plan).expect("a plan");
+    let options = RunOptions {
+        force: true,
+        ..RunOptions::default()
+    };
+    let out = folder.path().join("out");
+    bencher.counter(voxels(size)).bench(|| {
+        let ready = prepare(std::slice::from_ref(&file)).expect("a plan that can run");
+        run(&ready[0], &out, &options, &Silent).expect("a run")
+    });
 }
 
 #[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]

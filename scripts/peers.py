@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Times rhinoplan beside its peers, in one run, and prints one Markdown table: `docs/performance.md` holds it.
 
-    python3 scripts/peers.py [--rounds 5] [--keep]
+    python3 scripts/peers.py [--rounds 5] [--update] [--keep]
 
 Builds rhinoplan and its benches (release), makes the built-in head (320x320x151, int16) and the same head with the
 voxels of a clinical CT (512x512x400), and then does everything in turn, round after round, so that whatever else the
@@ -23,6 +23,8 @@ import sys
 import time
 import venv
 from pathlib import Path
+
+import peers_tables as tables
 
 PROJECT = Path(__file__).resolve().parent.parent
 WORK = PROJECT / "target" / "peers"
@@ -82,6 +84,7 @@ EXACT = {"model": '"lee2001"', "scale": '"full"', "method": '"exact"'}
 ADAPTIVE = {"model": '"lee2001"', "scale": '"full"', "tolerance": "{ voxels = 0.1 }"}
 LOCAL = {"model": '"local"', "scale": '"full"'}
 HALF = {"model": '"lee2001"', "scale": '"half"', "tolerance": "{ voxels = 0.1 }"}
+HALF_EXACT = {"model": '"lee2001"', "scale": '"half"', "method": '"exact"'}
 # name: CT, [morph], outputs, threads
 RUNS = {
     "exact": ("ct", EXACT, ["volume"], 2),
@@ -89,6 +92,7 @@ RUNS = {
     "adaptive": ("ct", ADAPTIVE, ["volume"], 2),
     "adaptive-one-thread": ("ct", ADAPTIVE, ["volume"], 1),
     "half": ("ct", HALF, ["volume"], 2),
+    "half-exact": ("ct", HALF_EXACT, ["volume"], 2),
     "local": ("ct", LOCAL, ["volume"], 2),
     "local-tables": ("ct", LOCAL, [], 2),
     "exact-tables": ("ct", EXACT, [], 2),
@@ -98,6 +102,12 @@ RUNS = {
 }
 # Library calls, by their names in benches/pipeline.rs, on SIZE.
 BENCHES = ["copy", "surface_skin", "view_frontal", "morph_extra_lines_exact", "morph_extra_lines_adaptive"]
+# How cost grows: steps at every size, and what else is varied.
+STEPS = ["morph_lee2001_exact", "morph_lee2001_adaptive", "morph_local_adaptive", "audit_lee2001", "half_down",
+         "gaussian_up", "measure_regions", "segment_skin", "surface_skin", "view_frontal", "read_gz", "write_gz",
+         "whole_run"]
+VARIED = ["morph_lee2001_tolerance", "morph_lines_exact", "morph_lines_adaptive", "simd_lee2001_exact",
+          "simd_lee2001_adaptive", "simd_local_adaptive"]
 
 
 def measured_process(command, threads):
@@ -139,28 +149,33 @@ class Rhinoplan:
     def output(self, name, file):
         return WORK / "out" / name / "straight" / "01-straighten" / file
 
-    def benches(self, names, threads):
-        """Medians of benches on the volume of SIZE, seconds."""
-        pattern = rf"^({'|'.join(names)})::.*{SIZE[0]}, {SIZE[1]}, {SIZE[2]}"
+    def benches(self, names, threads, argument=""):
+        """Medians of benches, seconds, by name and argument."""
         env = dict(os.environ, RAYON_NUM_THREADS=str(threads))
+        pattern = rf"\b({'|'.join(names)})::{argument}"
         text = subprocess.run([self.bench, "--bench", "--color", "never", pattern], check=True, text=True, env=env,
                               stdout=subprocess.PIPE, cwd=WORK).stdout
-        return divan_medians(text, names)
+        return divan_medians(text)
+
+    def at_size(self, names, threads):
+        """The same of SIZE alone, by name."""
+        found = self.benches(names, threads, re.escape(str(list(SIZE))))
+        return {name: median for (name, _), median in found.items()}
 
 
-def divan_medians(text, names):
-    """The column `median` of what divan prints, by the name of the bench; its arguments stand in the line after."""
+def divan_medians(text):
+    """The column `median` of what divan prints: a line with a bench's name, then one for each argument."""
     scale = {"ns": 1e-9, "µs": 1e-6, "ms": 1e-3, "s": 1.0}
     found, name = {}, None
     for line in text.splitlines():
-        cells = [cell.strip() for cell in line.split("│")]
-        heading = re.match(r"[│ ]*[├╰]─ (\w+)", line)
-        if heading and heading[1] in names:
-            name = heading[1]
-        times = re.findall(r"([\d.]+) (ns|µs|ms|s)\b", line)
-        if name and name not in found and len(times) == 4 and cells:
+        line = re.match(r"[│ ]*[├╰]─ (.*?)(?:  +|$)(.*)", line)
+        times = re.findall(r"([\d.]+) (ns|µs|ms|s)\b", line[2]) if line else []
+        if line and len(times) == 4:
+            # fastest, slowest, median, mean
             value, unit = times[2]
-            found[name] = float(value) * scale[unit]
+            found[name, line[1]] = float(value) * scale[unit]
+        elif line:
+            name = line[1]
     return found
 
 
@@ -294,106 +309,11 @@ def measure(rhinoplan, itk, plastimatch, rounds):
         samples.add("numpy copy", {"wall": itk.seconds("copy")})
         for name in plastimatch.commands:
             samples.add(name, plastimatch.run(name))
-        for name, seconds in rhinoplan.benches(BENCHES, THREADS).items():
+        for name, seconds in rhinoplan.at_size(BENCHES, THREADS).items():
             samples.add(name, {"wall": seconds})
-        for name, seconds in rhinoplan.benches(["view_frontal"], 1).items():
+        for name, seconds in rhinoplan.at_size(["view_frontal"], 1).items():
             samples.add(f"{name} one thread", {"wall": seconds})
     return samples
-
-
-# The table.
-
-
-def shown(seconds):
-    if seconds is None:
-        return "not measured"
-    return f"{1e3 * seconds:.3g} ms" if seconds < 0.9995 else f"{seconds:.2f} s"
-
-
-def mib(count):
-    return "not measured" if count is None else f"{count / 2**20:.0f} MiB"
-
-
-class Table:
-    def __init__(self):
-        self.rows = []
-
-    def row(self, work, bar, reached, peer="", ratio="", met=None):
-        verdict = {None: "", True: "yes", False: "**no**"}[met]
-        self.rows.append((work, bar, reached, peer, ratio, verdict))
-
-    def against(self, work, ours, peer_name, theirs, times=None, most=None):
-        """A time, held against a peer's, and against a limit."""
-        ratio = theirs / ours if ours and theirs else None
-        bars, kept = [], []
-        if most is not None:
-            bars.append(f"≤ {shown(most)}")
-            kept.append(None if ours is None else ours <= most)
-        if times is not None:
-            bars.append(f"≥ {times:g} × faster")
-            kept.append(None if ratio is None else ratio >= times)
-        known = [one for one in kept if one is not None]
-        met = all(known) if known and (len(known) == len(kept) or not all(known)) else None
-        peer = f"{peer_name}: {shown(theirs)}" if peer_name else ""
-        self.row(work, ", ".join(bars), shown(ours), peer, f"{ratio:.1f} ×" if ratio else "", met)
-
-    def text(self):
-        head = ("work", "bar", "reached", "peer", "ratio", "met")
-        rows = [head, tuple("---" for _ in head), *self.rows]
-        return "\n".join("| " + " | ".join(row) + " |" for row in rows)
-
-
-def table(samples, error, itk, plastimatch):
-    made, m = Table(), samples.median
-    warp, warp_name = m("itk warp"), "SimpleITK `Warp`"
-    lm, lm_name = m("lm-warp tps"), "plastimatch `lm-warp`" if plastimatch.commands else "plastimatch is not installed"
-    made.against("copy of the volume", m("copy"), "numpy", m("numpy copy"))
-    made.against("`lee2001`, full scale, one stage, `exact`: morph phase", m("exact", "morph"), warp_name, warp, 2.5)
-    made.against("the same, `adaptive` at 0.1 voxel", m("adaptive", "morph"), warp_name, warp, 6)
-    made.row("its largest distance from `exact`", "≤ 0.1 voxel", f"{error:.3f} voxel", met=error <= 0.1)
-    made.against("`adaptive` with 50 extra lines (library)", m("morph_extra_lines_adaptive"), "`exact`",
-                 m("morph_extra_lines_exact"), 8)
-    made.against("`local`, full scale, one stage: morph phase", m("local", "morph"), warp_name, warp, 15)
-    made.against("`lee2001`, full scale, `exact`: morph phase", m("exact", "morph"), "SimpleITK `Resample`",
-                 m("itk resample"))
-    made.against("half scale down", m("half", "half"), "", None, most=0.025)
-    made.against("Gaussian up", m("half", "upsample"), "", None, most=0.025)
-    made.against("half scale: morph phase", m("half", "morph"), "", None)
-    made.against("semi-boundary of the skin (library)", m("surface_skin"), "", None, most=0.025)
-    made.against("one 1024² view (library)", m("view_frontal"), "", None, most=0.015)
-    made.against("writing `volume.nii.gz`", m("exact", "write-volume"), "SimpleITK", m("itk write"))
-    made.against("whole `run`, `local`, tables and `volume.nii.gz`", m("local"), lm_name, lm, 10, 0.6)
-    for model in ("adaptive", "exact"):
-        made.against(f"the same, `lee2001` `{model}`", m(model), lm_name, lm, 10, 0.6)
-    if plastimatch.commands:
-        made.against("the same as the last", m("exact"), "plastimatch `lm-warp`, Wendland", m("lm-warp wendland"))
-        made.against("the same", m("exact"), "plastimatch `warp`, field given", m("warp"))
-    made.against("whole `run`, `local`, tables only", m("local-tables"), "", None, most=0.35)
-    made.against("the same, `lee2001` `exact`", m("exact-tables"), "", None, most=0.35)
-    most = 3 * 2 * voxels(SIZE) + 40e6
-    for model in ("local", "exact"):
-        held, peer = m(model, "bytes"), m("lm-warp tps", "bytes")
-        made.row(f"peak memory of the run with `volume.nii.gz`, {named(model)}", f"≤ {mib(most)}", mib(held),
-                 f"{lm_name}: {mib(peer)}" if plastimatch.commands else lm_name,
-                 f"{peer / held:.1f} ×" if peer else "", held <= most)
-    for work, one, two in (
-            ("morph, `exact`", m("exact-one-thread", "morph"), m("exact", "morph")),
-            ("morph, `adaptive`", m("adaptive-one-thread", "morph"), m("adaptive", "morph")),
-            ("one 1024² view (library)", m("view_frontal one thread"), m("view_frontal"))):
-        made.against(f"two threads: {work}", two, "one thread", one, 1.7)
-    times = voxels(LARGE) / voxels(SIZE)
-    for model in ("exact", "adaptive", "local"):
-        for work, quantity in (("morph phase", "morph"), ("whole `run`", "wall"), ("peak memory", "bytes")):
-            small, large = m(model, quantity), m(f"{model}-large", quantity)
-            show = mib if quantity == "bytes" else shown
-            change = large / small / times - 1
-            made.row(f"512×512×400, {named(model)}: {work}", "within 15 % for each voxel", show(large),
-                     f"320×320×151: {show(small)}", f"{100 * change:+.0f} %", abs(change) <= 0.15)
-    return made.text()
-
-
-def named(model):
-    return "`local`" if model == "local" else f"`lee2001` `{model}`"
 
 
 def machine():
@@ -409,16 +329,31 @@ def say(text):
     print(text, file=sys.stderr, flush=True)
 
 
+def put(page, name, text):
+    """Puts a text between the two comments that name it."""
+    pattern = re.compile(rf"(<!-- {name}\b[^\n]*-->\n).*?(<!-- /{name} -->)", re.DOTALL)
+    page, count = pattern.subn(lambda found: f"{found[1]}\n{text}\n\n{found[2]}", page)
+    if count != 1:
+        raise SystemExit(f"the page has no place for {name}")
+    return page
+
+
 def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--rounds", type=int, default=5, help="how often everything is done; 5 or more for figures")
+    options.add_argument("--update", action="store_true",
+                         help="measure how cost grows as well, and put all tables into docs/performance.md")
     options.add_argument("--keep", action="store_true", help="keep the volumes (in target/peers)")
     given = options.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
     rhinoplan, plastimatch, itk = Rhinoplan(), Plastimatch(), Itk()
+    growth = {}
     try:
         error = prepare(rhinoplan, itk)
         samples = measure(rhinoplan, itk, plastimatch, given.rounds)
+        if given.update:
+            say("how cost grows")
+            growth = rhinoplan.benches(STEPS + VARIED, THREADS)
     finally:
         itk.close()
         if not given.keep:
@@ -426,8 +361,15 @@ def main():
                 left.unlink()
             shutil.rmtree(WORK / "out", ignore_errors=True)
     peers = [itk.name] + ([plastimatch.name] if plastimatch.commands else [])
-    print(f"Medians of {given.rounds} rounds, {THREADS} threads, {machine()}, {', '.join(peers)}.\n")
-    print(table(samples, error, itk, plastimatch))
+    heading = f"Medians of {given.rounds} rounds, {THREADS} threads, {machine()}, {', '.join(peers)}."
+    table = tables.against_peers(samples.median, error, bool(plastimatch.commands), voxels(SIZE), voxels(LARGE))
+    print(f"{heading}\n\n{table}")
+    if given.update:
+        path = PROJECT / "docs" / "performance.md"
+        page = put(path.read_text(encoding="utf-8"), "peers", f"{heading}\n\n{table}")
+        page = put(page, "paper", tables.beside_the_paper(samples.median))
+        page = put(page, "growth", tables.growth(growth, STEPS, VARIED))
+        path.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

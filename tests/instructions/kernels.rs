@@ -26,8 +26,11 @@ const SIZE: [usize; 3] = [96, 96, 64];
 /// Pixels a side of the view.
 const PICTURE: usize = 256;
 
+/// What is counted as one.
+type Work = fn(&Scene);
+
 /// Kernels by name, in the order in which they are counted.
-const KERNELS: [(&str, fn(&Scene)); 11] = [
+const KERNELS: [(&str, Work); 11] = [
     ("morph_lee2001_exact", |scene| {
         scene.warp(&scene.lee2001, Evaluation::Exact);
     }),
@@ -94,7 +97,7 @@ pub fn run_all() {
 
 /// Callgrind writes down what it counted at the end of this.
 #[inline(never)]
-fn written_by_callgrind(kernel: fn(&Scene), scene: &Scene) {
+fn written_by_callgrind(kernel: Work, scene: &Scene) {
     counted_by_callgrind(kernel, black_box(scene));
     // Something left to do, so that the function is called, not jumped to.
     black_box(scene);
@@ -102,7 +105,7 @@ fn written_by_callgrind(kernel: fn(&Scene), scene: &Scene) {
 
 /// Callgrind counts from the beginning to the end of this.
 #[inline(never)]
-fn counted_by_callgrind(kernel: fn(&Scene), scene: &Scene) {
+fn counted_by_callgrind(kernel: Work, scene: &Scene) {
     kernel(black_box(scene));
     black_box(scene);
 }
