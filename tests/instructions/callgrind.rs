@@ -17,6 +17,11 @@ const WRITTEN: &str = "*written_by_callgrind*";
 
 /// Why nothing can be counted here, where that is so.
 pub fn lacking() -> Option<String> {
+    if !cfg!(debug_assertions) || cfg!(target_feature = "avx2") {
+        return Some(
+            "because the counts are those of the profile `dev`, for any processor".to_owned(),
+        );
+    }
     let valgrind = Command::new("valgrind").arg("--version").output();
     if !valgrind.is_ok_and(|told| told.status.success()) {
         return Some("because valgrind is not installed".to_owned());
