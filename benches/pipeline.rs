@@ -13,6 +13,7 @@ use std::sync::OnceLock;
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
+use glam::DVec3;
 use rhinoplan::exec::events::Silent;
 use rhinoplan::exec::{RunOptions, prepare, run};
 use rhinoplan::feature::{Cage, FeatureKind, FeatureLine, NoseBox};
@@ -21,6 +22,7 @@ use rhinoplan::measure::{Slabs, region_volumes};
 use rhinoplan::morph::audit::WarpAudit;
 use rhinoplan::morph::chain::{Chain, Lattice};
 use rhinoplan::morph::field::{Evaluation, Field};
+use rhinoplan::morph::pair::Segment;
 use rhinoplan::morph::stage::{StageLines, StageMap, Taper};
 use rhinoplan::morph::warp::warp;
 use rhinoplan::phantom::Phantom;
@@ -61,6 +63,8 @@ struct Case {
     volume: &'static Volume<i16>,
     full: Lattice,
     nose: NoseBox,
+    /// What `lee2001` is made of.
+    map: StageMap,
     lee2001: Chain,
     local: Chain,
 }
@@ -71,7 +75,7 @@ fn case(size: [usize; 3]) -> Case {
     let full = Lattice::full(volume.grid());
     let landmarks = Phantom::lee2001().landmarks_mm();
     let source = FeatureLine::new(landmarks.nasal_bones, landmarks.tip).expect("a line");
-    let tip = GridPoint(landmarks.tip.0 + glam::DVec3::new(8.84, 0.0, 0.0));
+    let tip = GridPoint(landmarks.tip.0 + DVec3::new(8.84, 0.0, 0.0));
     let target = FeatureLine::new(landmarks.nasal_bones, tip).expect("a line");
     let cage = Cage::new(&landmarks, 11.0);
     let lines = StageLines {
@@ -85,13 +89,13 @@ fn case(size: [usize; 3]) -> Case {
         nose,
         margin_mm: 20.0,
     };
+    let map = StageMap::lee2001(&lines, &full, &full).expect("a map");
     Case {
         volume,
         full,
         nose,
-        lee2001: StageMap::lee2001(&lines, &full, &full)
-            .expect("a map")
-            .into(),
+        lee2001: map.clone().into(),
+        map,
         local: StageMap::local(&lines, 1.0, taper, &full)
             .expect("a map")
             .into(),
@@ -112,7 +116,7 @@ fn morph(bencher: Bencher<'_, '_>, case: &Case, chain: &Chain, evaluation: Evalu
 fn tenth_of_a_voxel() -> Evaluation {
     Evaluation::Adaptive {
         tolerance: 0.1,
-        metric: glam::DVec3::ONE,
+        metric: DVec3::ONE,
     }
 }
 
@@ -140,13 +144,57 @@ fn morph_local_adaptive(bencher: Bencher<'_, '_>, size: [usize; 3]) {
     morph(bencher, &case, &case.local, tenth_of_a_voxel());
 }
 
+/// The paper's first operation with further lines that hold still, which no plan has: short ones all over
+/// the head, in no order.
+fn with_lines(size: [usize; 3], count: usize) -> (Case, Chain) {
+    /// Of the plastic number: points spread evenly (Roberts 2018, "The unreasonable effectiveness of quasirandom
+    /// sequences").
+    const STEPS: DVec3 = DVec3::new(0.819_172_513, 0.671_043_607, 0.549_700_478);
+    let dims = DVec3::from(size.map(|n| n as f64));
+    let held = (1..=count).map(|place| {
+        let start = (STEPS * place as f64).fract();
+        let towards = (STEPS * (place + count) as f64).fract();
+        Segment::new(start * dims, (start + 0.2 * (towards - start)) * dims)
+    });
+    let case = case(size);
+    let chain = case.map.clone().holding(held).into();
+    (case, chain)
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn morph_extra_lines_exact(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let (case, chain) = with_lines(size, 50);
+    morph(bencher, &case, &chain, Evaluation::Exact);
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn morph_extra_lines_adaptive(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let (case, chain) = with_lines(size, 50);
+    morph(bencher, &case, &chain, tenth_of_a_voxel());
+}
+
+/// What further lines cost, on the paper's CT.
+const EXTRA_LINES: [usize; 5] = [0, 10, 25, 50, 100];
+
+#[divan::bench(args = EXTRA_LINES, sample_count = 5, sample_size = 1)]
+fn morph_lines_exact(bencher: Bencher<'_, '_>, count: usize) {
+    let (case, chain) = with_lines(PAPER, count);
+    morph(bencher, &case, &chain, Evaluation::Exact);
+}
+
+#[divan::bench(args = EXTRA_LINES, sample_count = 5, sample_size = 1)]
+fn morph_lines_adaptive(bencher: Bencher<'_, '_>, count: usize) {
+    let (case, chain) = with_lines(PAPER, count);
+    morph(bencher, &case, &chain, tenth_of_a_voxel());
+}
+
 /// What a coarser map saves, on the paper's CT; tolerances in voxels.
 #[divan::bench(args = [0.02, 0.05, 0.1, 0.2, 0.5], sample_count = 5, sample_size = 1)]
 fn morph_lee2001_tolerance(bencher: Bencher<'_, '_>, tolerance: f64) {
     let case = case(PAPER);
     let evaluation = Evaluation::Adaptive {
         tolerance,
-        metric: glam::DVec3::ONE,
+        metric: DVec3::ONE,
     };
     morph(bencher, &case, &case.lee2001, evaluation);
 }
