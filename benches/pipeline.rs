@@ -7,15 +7,22 @@
     reason = "a benchmark that cannot be set up should stop"
 )]
 
+use std::fs;
+use std::path::Path;
 use std::sync::OnceLock;
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
+use glam::DVec3;
+use rhinoplan::exec::events::Silent;
+use rhinoplan::exec::{RunOptions, prepare, run};
 use rhinoplan::feature::{Cage, FeatureKind, FeatureLine, NoseBox};
+use rhinoplan::io::nifti::{self, Template};
 use rhinoplan::measure::{Slabs, region_volumes};
 use rhinoplan::morph::audit::WarpAudit;
 use rhinoplan::morph::chain::{Chain, Lattice};
 use rhinoplan::morph::field::{Evaluation, Field};
+use rhinoplan::morph::pair::Segment;
 use rhinoplan::morph::stage::{StageLines, StageMap, Taper};
 use rhinoplan::morph::warp::warp;
 use rhinoplan::phantom::Phantom;
@@ -23,9 +30,10 @@ use rhinoplan::plan::DEFAULT_SKIN_HU;
 use rhinoplan::render::{Camera, Direction, Object, Paint, SKIN, render};
 use rhinoplan::resample::{gaussian, half};
 use rhinoplan::segment::{Enhance, MEDIAN_SIDE, above, enhance, keep_largest, otsu, segment};
+use rhinoplan::simd::Simd;
 use rhinoplan::space::{ContinuousIndex, Grid, GridPoint};
 use rhinoplan::surface::{Region, SemiBoundary, semi_boundary, signed_distances};
-use rhinoplan::volume::{Mask, Volume};
+use rhinoplan::volume::{Mask, Sample, Volume};
 
 fn main() {
     divan::main();
@@ -33,6 +41,9 @@ fn main() {
 
 /// Voxels along the axes: the paper's CT, and the same head with coarser and finer voxels.
 const SIZES: [[usize; 3]; 3] = [[160, 160, 76], [320, 320, 151], [512, 512, 400]];
+
+/// The paper's CT.
+const PAPER: [usize; 3] = SIZES[1];
 
 const FULL_SIZE: [f64; 3] = [320.0, 320.0, 151.0];
 
@@ -52,6 +63,8 @@ struct Case {
     volume: &'static Volume<i16>,
     full: Lattice,
     nose: NoseBox,
+    /// What `lee2001` is made of.
+    map: StageMap,
     lee2001: Chain,
     local: Chain,
 }
@@ -62,7 +75,7 @@ fn case(size: [usize; 3]) -> Case {
     let full = Lattice::full(volume.grid());
     let landmarks = Phantom::lee2001().landmarks_mm();
     let source = FeatureLine::new(landmarks.nasal_bones, landmarks.tip).expect("a line");
-    let tip = GridPoint(landmarks.tip.0 + glam::DVec3::new(8.84, 0.0, 0.0));
+    let tip = GridPoint(landmarks.tip.0 + DVec3::new(8.84, 0.0, 0.0));
     let target = FeatureLine::new(landmarks.nasal_bones, tip).expect("a line");
     let cage = Cage::new(&landmarks, 11.0);
     let lines = StageLines {
@@ -76,13 +89,13 @@ fn case(size: [usize; 3]) -> Case {
         nose,
         margin_mm: 20.0,
     };
+    let map = StageMap::lee2001(&lines, &full, &full).expect("a map");
     Case {
         volume,
         full,
         nose,
-        lee2001: StageMap::lee2001(&lines, &full, &full)
-            .expect("a map")
-            .into(),
+        lee2001: map.clone().into(),
+        map,
         local: StageMap::local(&lines, 1.0, taper, &full)
             .expect("a map")
             .into(),
@@ -103,7 +116,7 @@ fn morph(bencher: Bencher<'_, '_>, case: &Case, chain: &Chain, evaluation: Evalu
 fn tenth_of_a_voxel() -> Evaluation {
     Evaluation::Adaptive {
         tolerance: 0.1,
-        metric: glam::DVec3::ONE,
+        metric: DVec3::ONE,
     }
 }
 
@@ -129,6 +142,167 @@ fn morph_local_exact(bencher: Bencher<'_, '_>, size: [usize; 3]) {
 fn morph_local_adaptive(bencher: Bencher<'_, '_>, size: [usize; 3]) {
     let case = case(size);
     morph(bencher, &case, &case.local, tenth_of_a_voxel());
+}
+
+/// The paper's first operation with further lines that hold still, which no plan has: short ones all over
+/// the head, in no order.
+fn with_lines(size: [usize; 3], count: usize) -> (Case, Chain) {
+    /// Of the plastic number: points spread evenly (Roberts 2018, "The unreasonable effectiveness of quasirandom
+    /// sequences").
+    const STEPS: DVec3 = DVec3::new(0.819_172_513, 0.671_043_607, 0.549_700_478);
+    let dims = DVec3::from(size.map(|n| n as f64));
+    let held = (1..=count).map(|place| {
+        let start = (STEPS * place as f64).fract();
+        let towards = (STEPS * (place + count) as f64).fract();
+        Segment::new(start * dims, (start + 0.2 * (towards - start)) * dims)
+    });
+    let case = case(size);
+    let chain = case.map.clone().holding(held).into();
+    (case, chain)
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn morph_extra_lines_exact(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let (case, chain) = with_lines(size, 50);
+    morph(bencher, &case, &chain, Evaluation::Exact);
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn morph_extra_lines_adaptive(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let (case, chain) = with_lines(size, 50);
+    morph(bencher, &case, &chain, tenth_of_a_voxel());
+}
+
+/// What further lines cost, on the paper's CT.
+const EXTRA_LINES: [usize; 5] = [0, 10, 25, 50, 100];
+
+#[divan::bench(args = EXTRA_LINES, sample_count = 5, sample_size = 1)]
+fn morph_lines_exact(bencher: Bencher<'_, '_>, count: usize) {
+    let (case, chain) = with_lines(PAPER, count);
+    morph(bencher, &case, &chain, Evaluation::Exact);
+}
+
+#[divan::bench(args = EXTRA_LINES, sample_count = 5, sample_size = 1)]
+fn morph_lines_adaptive(bencher: Bencher<'_, '_>, count: usize) {
+    let (case, chain) = with_lines(PAPER, count);
+    morph(bencher, &case, &chain, tenth_of_a_voxel());
+}
+
+/// What a coarser map saves, on the paper's CT; tolerances in voxels.
+#[divan::bench(args = [0.02, 0.05, 0.1, 0.2, 0.5], sample_count = 5, sample_size = 1)]
+fn morph_lee2001_tolerance(bencher: Bencher<'_, '_>, tolerance: f64) {
+    let case = case(PAPER);
+    let evaluation = Evaluation::Adaptive {
+        tolerance,
+        metric: DVec3::ONE,
+    };
+    morph(bencher, &case, &case.lee2001, evaluation);
+}
+
+/// A morph of the paper's CT with each of the instructions that there are: what they give, in one run.
+fn each_simd(
+    bencher: Bencher<'_, '_>,
+    simd: Simd,
+    chain: impl Fn(&Case) -> &Chain,
+    evaluation: Evaluation,
+) {
+    let case = case(PAPER);
+    let mut bencher = Some(bencher);
+    Simd::compare(|tried| {
+        if tried == simd
+            && let Some(bencher) = bencher.take()
+        {
+            morph(bencher, &case, chain(&case), evaluation);
+        }
+    });
+}
+
+#[divan::bench(args = Simd::all(), sample_count = 5, sample_size = 1)]
+fn simd_lee2001_exact(bencher: Bencher<'_, '_>, simd: Simd) {
+    each_simd(bencher, simd, |case| &case.lee2001, Evaluation::Exact);
+}
+
+#[divan::bench(args = Simd::all(), sample_count = 5, sample_size = 1)]
+fn simd_lee2001_adaptive(bencher: Bencher<'_, '_>, simd: Simd) {
+    each_simd(bencher, simd, |case| &case.lee2001, tenth_of_a_voxel());
+}
+
+#[divan::bench(args = Simd::all(), sample_count = 5, sample_size = 1)]
+fn simd_local_adaptive(bencher: Bencher<'_, '_>, simd: Simd) {
+    each_simd(bencher, simd, |case| &case.local, tenth_of_a_voxel());
+}
+
+/// A folder of this process alone, in the target folder, and away at the end.
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder")
+}
+
+fn template(volume: &Volume<i16>) -> Template {
+    Template::for_grid(volume.grid(), i16::TYPE, volume.rescale()).expect("a header")
+}
+
+/// The head as a header's `f32` places it, so that a file can hold it.
+fn save(volume: &Volume<i16>, file: &Path) {
+    let template = template(volume);
+    let samples = volume.samples().to_owned();
+    let placed = Volume::new(template.grid().clone(), template.rescale(), samples);
+    nifti::save_volume(file, &template, &placed.expect("the same size")).expect("a file");
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn write_gz(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let volume = head(size);
+    let folder = folder();
+    let file = folder.path().join("head.nii.gz");
+    bencher
+        .counter(voxels(size))
+        .bench(|| save(black_box(volume), &file));
+}
+
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn read_gz(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let folder = folder();
+    let file = folder.path().join("head.nii.gz");
+    save(head(size), &file);
+    bencher
+        .counter(voxels(size))
+        .bench(|| nifti::read(black_box(&file)).expect("a volume"));
+}
+
+/// A plan from its CT to its tables and `volume.nii.gz`: all that a process does but start.
+#[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
+fn whole_run(bencher: Bencher<'_, '_>, size: [usize; 3]) {
+    let folder = folder();
+    save(head(size), &folder.path().join("head.nii.gz"));
+    let landmarks = Phantom::lee2001().landmarks_mm();
+    let mut plan = String::from(
+        "plan = 1\nname = \"run\"\n[ct]\npath = \"head.nii.gz\"\n[landmarks]\nframe = \"lps\"\n",
+    );
+    for (name, GridPoint(at)) in [
+        ("nasal_bones", landmarks.nasal_bones),
+        ("lip", landmarks.lip),
+        ("alare_right", landmarks.alare_right),
+        ("alare_left", landmarks.alare_left),
+        ("tip", landmarks.tip),
+        ("maxilla", landmarks.maxilla),
+    ] {
+        plan.push_str(&format!("{name} = [{}, {}, {}]\n", at.x, at.y, at.z));
+    }
+    plan.push_str(
+        "[[candidate]]\nname = \"straight\"\n[[candidate.stage]]\nname = \"straighten\"\n\
+         f1 = [{ deviate = 8.84 }]\n[outputs]\nwrite = [\"volume\"]\n",
+    );
+    let file = folder.path().join("run.toml");
+    fs::write(&file, plan).expect("a plan");
+    let options = RunOptions {
+        force: true,
+        ..RunOptions::default()
+    };
+    let out = folder.path().join("out");
+    bencher.counter(voxels(size)).bench(|| {
+        let ready = prepare(std::slice::from_ref(&file)).expect("a plan that can run");
+        run(&ready[0], &out, &options, &Silent).expect("a run")
+    });
 }
 
 #[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]
