@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::layer::Seen;
 
-/// At most so many pixels are kept: five pictures of 1024 pixels a side, 55 MiB.
+/// At most so many pixels are kept: five pictures of 1024 pixels a side, 55 MiB in all.
 const KEPT: usize = 5 << 20;
 
 /// The pixels of a picture and what one object shows in them. Nobody knows what is in it before it is written.

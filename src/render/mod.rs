@@ -3,7 +3,7 @@
 //!
 //! Each boundary voxel is drawn as a small disc in the plane of its surface (`splat.rs`); a first pass
 //! finds the foremost disc of every pixel, a second blends the normals of the discs at that depth
-//! (`layer.rs`), and only then is a pixel shaded (`shade.rs`) and its edge smoothed (`compose.rs`).
+//! (`layer.rs`, `span.rs`), and only then is a pixel shaded (`shade.rs`) and its edge smoothed (`edge.rs`, `compose.rs`).
 //!
 //! Sources: T.-Y. Lee et al., reference 14 of the paper, for projecting the semi-boundary row by row in an order
 //! that the octant of the viewing direction gives, voxels culled by their neighbour code; M. Botsch,

@@ -1,5 +1,10 @@
 //! The two passes over the discs of a band: which disc is foremost in each pixel, and the normals of all at that depth.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "loops over vector lanes index several arrays alike"
+)]
+
 use std::ops::Range;
 
 use super::splat::{Clips, QUAD, Splat, Splats};

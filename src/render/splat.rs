@@ -1,5 +1,10 @@
 //! What one boundary voxel draws: a disc in the plane of its surface, as an ellipse on the picture.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "loops over vector lanes index several arrays alike"
+)]
+
 use std::mem;
 use std::ops::Range;
 

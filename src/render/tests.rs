@@ -4,6 +4,7 @@ use ndarray::Array3;
 use super::shade::{Eight, Normals, SURFACE, Shader};
 use super::span::WIDE;
 use super::*;
+use crate::simd::Simd;
 use crate::space::{Grid, GridPoint};
 use crate::surface::{Region, SemiBoundary, semi_boundary};
 use crate::volume::{Mask, Rescale, Volume};
@@ -462,6 +463,76 @@ fn values_colour_the_surface() {
     let lower = frame.pixels()[70 * 101 + 50];
     assert!(upper[0] > 100 && upper[2] < 90, "{upper:?}");
     assert!(lower[2] > 100 && lower[0] < 90, "{lower:?}");
+}
+
+/// The colour of a pixel, and the place and the bits of the depth of what it shows.
+type Shown = ([u8; 3], Option<(usize, u64)>);
+
+fn shown(frame: &Frame<'_>) -> Vec<Shown> {
+    let size = frame.size();
+    let hit = |pixel: usize| frame.pick(pixel % size, pixel / size);
+    let seen = |pixel| hit(pixel).map(|hit| (hit.place, hit.depth_mm.to_bits()));
+    let pixels = frame.pixels().iter().enumerate();
+    pixels.map(|(at, &colour)| (colour, seen(at))).collect()
+}
+
+#[test]
+fn all_instructions_draw_the_same() {
+    let region = Region {
+        first: [0, 18, 0],
+        last: [79, 39, 30],
+    };
+    // Curved, with a cut and with something a voxel thick.
+    let body = surface([80, 40, 40], [0.5, 1.0, 1.0], Some(region), |p| {
+        let plate = (p - DVec3::new(20.0, 30.0, 20.0)).abs() - DVec3::new(18.0, 0.5, 9.0);
+        ((p - CENTRE).length() - 12.0).min(plate.max_element())
+    });
+    let values: Vec<f32> = (0..body.len()).map(|at| (at % 100) as f32).collect();
+    let colour = |value: f32| [value as u8, 200 - value as u8, 30];
+    let coloured = Object {
+        paint: Paint::Scalar {
+            values: &values,
+            colour: &colour,
+        },
+        ..plain(&body)
+    };
+    let clear = Object {
+        opacity: 0.5,
+        ..plain(&body)
+    };
+    let ball = ball(9.0);
+    let sets = [
+        vec![plain(&body)],
+        vec![coloured],
+        vec![clear, plain(&ball)],
+    ];
+    for (from, size) in directions()
+        .into_iter()
+        .step_by(5)
+        .zip([61, 64, 131, 90, 33, 102])
+    {
+        let camera = camera(from, 40.0, size);
+        for objects in &sets {
+            let all = Simd::compare(|_| shown(&render(objects, &camera)));
+            let covered = all[0].1.iter().filter(|(_, hit)| hit.is_some());
+            assert!(covered.count() > size * size / 20, "{from:?}");
+            for (simd, shown) in &all {
+                assert!(*shown == all[0].1, "{simd}, {from:?}, {size} pixels");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_picture_keeps_nothing_of_one_before_it() {
+    let (large, small) = (ball(14.0), ball(6.0));
+    let camera = camera(FRONT, 30.0, 117);
+    let before = shown(&render(&[plain(&small)], &camera));
+    // Given back, and taken again by the next.
+    drop(render(&[plain(&large)], &camera));
+    let after = shown(&render(&[plain(&small)], &camera));
+    assert!(before == after);
+    assert_eq!(before[0], (BACKGROUND, None));
 }
 
 #[test]

@@ -290,7 +290,7 @@ mod tests {
                 for (z, of_z) in taps(z, nz) {
                     for (y, of_y) in taps(y, ny) {
                         for (x, of_x) in taps(x, nx) {
-                            sum += of_z * of_y * of_x * f64::from(coarse.samples()[[z, y, x]]);
+                            sum += of_z * of_y * of_x * coarse.samples()[[z, y, x]];
                         }
                     }
                 }
