@@ -189,8 +189,8 @@ fn adaptive_is_within_the_tolerance_at_every_voxel() {
                 _ => error.position_max_mm,
             };
             assert!(found <= tolerance, "{plan}: {found}");
-            // On half as many voxels the box is too small for a cell to be interpolated.
-            let interpolated = plan != "two-operations-local-half";
+            // In the box of model `local` the map bends too much for a cell of 8 voxels a side to be interpolated.
+            let interpolated = plan.contains("lee2001");
             assert_eq!(found > 0.0, interpolated, "{plan}: {found}");
         }
     }
