@@ -38,10 +38,14 @@ impl Segment {
         (to - along * place).length()
     }
 
-    /// Where it begins, the vector to its end, and [`Segment::inverse_length2`].
+    /// Ready to be measured from many points.
     #[inline(always)]
-    pub(super) fn parts(&self) -> (DVec3, DVec3, f64) {
-        (self.start, self.end - self.start, self.inverse_length2())
+    pub(super) fn measure(&self) -> Measure {
+        Measure {
+            start: self.start,
+            along: self.end - self.start,
+            inverse_length2: self.inverse_length2(),
+        }
     }
 
     /// 1/|AB|²; 0 for a point feature, of which the start is then the nearest place to everything.
@@ -53,6 +57,43 @@ impl Segment {
             1.0 / (self.end - self.start).length_squared()
         }
     }
+}
+
+/// A segment with what every distance to it asks for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Measure {
+    start: DVec3,
+    along: DVec3,
+    inverse_length2: f64,
+}
+
+impl Measure {
+    /// The vector to a point from the nearest place of the segment.
+    #[inline(always)]
+    pub(super) fn offset_of(&self, x: f64, y: f64, z: f64) -> (f64, f64, f64) {
+        let (a, along) = (self.start, self.along);
+        let (ax, ay, az) = (x - a.x, y - a.y, z - a.z);
+        let place = (ax * along.x + ay * along.y + az * along.z) * self.inverse_length2;
+        let place = smaller(larger(place, 0.0), 1.0);
+        (
+            ax - place * along.x,
+            ay - place * along.y,
+            az - place * along.z,
+        )
+    }
+}
+
+/// The larger of two numbers: one instruction on every vector unit, unlike `f64::max`, which has to look for what is no
+/// number.
+#[inline(always)]
+pub(super) fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The smaller of two numbers, likewise.
+#[inline(always)]
+pub(super) fn smaller(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
 }
 
 /// How the two axes across a line are scaled.

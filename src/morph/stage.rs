@@ -12,7 +12,7 @@
 
 use glam::DVec3;
 
-use super::pair::{Frame, PairMap, Segment};
+use super::pair::{Frame, PairMap, Segment, larger, smaller};
 use super::reference::LineSum;
 use super::{Chain, EPSILON, LANES, Lattice, Points};
 use crate::feature::{Cage, FeatureKind, FeatureLine, LineError, NoseBox};
@@ -228,21 +228,13 @@ impl StageMap {
     /// t·λ at positions in the model's units.
     #[inline(always)]
     fn strength(&self, units: &Points) -> [f64; LANES] {
-        let along = self.f1.end - self.f1.start;
-        let inverse_length2 = self.f1.inverse_length2();
-        let (a, lo, hi) = (self.f1.start, self.cage.min, self.cage.max);
+        let f1 = self.f1.measure();
+        let (lo, hi) = (self.cage.min, self.cage.max);
         let further = self.further_weights(units);
         let mut strength = [0.0; LANES];
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
-            let (ax, ay, az) = (x - a.x, y - a.y, z - a.z);
-            let place = (ax * along.x + ay * along.y + az * along.z) * inverse_length2;
-            let place = smaller(larger(place, 0.0), 1.0);
-            let (rx, ry, rz) = (
-                ax - place * along.x,
-                ay - place * along.y,
-                az - place * along.z,
-            );
+            let (rx, ry, rz) = f1.offset_of(x, y, z);
             let reach = (rx * rx + ry * ry + rz * rz).sqrt() + EPSILON;
 
             let beyond_x = outside(x, lo.x, hi.x);
@@ -285,20 +277,9 @@ impl StageMap {
     fn further_weights(&self, units: &Points) -> [f64; LANES] {
         let mut weights = [0.0; LANES];
         for line in &self.held {
-            let (a, along, inverse_length2) = line.parts();
+            let line = line.measure();
             for lane in 0..LANES {
-                let (ax, ay, az) = (
-                    units.x[lane] - a.x,
-                    units.y[lane] - a.y,
-                    units.z[lane] - a.z,
-                );
-                let place = (ax * along.x + ay * along.y + az * along.z) * inverse_length2;
-                let place = smaller(larger(place, 0.0), 1.0);
-                let (rx, ry, rz) = (
-                    ax - place * along.x,
-                    ay - place * along.y,
-                    az - place * along.z,
-                );
+                let (rx, ry, rz) = line.offset_of(units.x[lane], units.y[lane], units.z[lane]);
                 let reach = (rx * rx + ry * ry + rz * rz).sqrt() + EPSILON;
                 weights[lane] += 1.0 / (reach * reach);
             }
@@ -311,20 +292,10 @@ impl StageMap {
     fn further_gradients(&self, units: &Points) -> [Weight; LANES] {
         let mut weights = [Weight::NONE; LANES];
         for line in &self.held {
-            let (a, along, inverse_length2) = line.parts();
+            let line = line.measure();
             for lane in 0..LANES {
-                let (ax, ay, az) = (
-                    units.x[lane] - a.x,
-                    units.y[lane] - a.y,
-                    units.z[lane] - a.z,
-                );
-                let place = (ax * along.x + ay * along.y + az * along.z) * inverse_length2;
-                let place = smaller(larger(place, 0.0), 1.0);
-                weights[lane] = weights[lane].and(Weight::of(
-                    ax - place * along.x,
-                    ay - place * along.y,
-                    az - place * along.z,
-                ));
+                let (rx, ry, rz) = line.offset_of(units.x[lane], units.y[lane], units.z[lane]);
+                weights[lane] = weights[lane].and(Weight::of(rx, ry, rz));
             }
         }
         weights
@@ -379,22 +350,15 @@ impl StageMap {
     /// t·λ and its gradient, at positions in the model's units.
     #[inline(always)]
     fn strength_and_gradient(&self, units: &Points) -> ([f64; LANES], Points) {
-        let along = self.f1.end - self.f1.start;
-        let inverse_length2 = self.f1.inverse_length2();
-        let (a, lo, hi) = (self.f1.start, self.cage.min, self.cage.max);
+        let f1 = self.f1.measure();
+        let (lo, hi) = (self.cage.min, self.cage.max);
         let mut strength = [0.0; LANES];
         let mut gradient = Points::ZERO;
         let further = self.further_gradients(units);
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
-            let (ax, ay, az) = (x - a.x, y - a.y, z - a.z);
-            let place = (ax * along.x + ay * along.y + az * along.z) * inverse_length2;
-            let place = smaller(larger(place, 0.0), 1.0);
-            let f1 = Weight::of(
-                ax - place * along.x,
-                ay - place * along.y,
-                az - place * along.z,
-            );
+            let (rx, ry, rz) = f1.offset_of(x, y, z);
+            let f1 = Weight::of(rx, ry, rz);
             let (out_x, out_z) = (beyond(x, lo.x, hi.x), beyond(z, lo.z, hi.z));
             let by_face = |face: f64| {
                 let y = y - face;
@@ -449,19 +413,6 @@ fn inverse_sum(a: f64, b: f64, c: f64, d: f64) -> f64 {
 #[inline(always)]
 fn outside(at: f64, lo: f64, hi: f64) -> f64 {
     larger(larger(lo - at, at - hi), 0.0)
-}
-
-/// The larger of two numbers: one instruction on every vector unit, unlike `f64::max`, which has to look for what is no
-/// number.
-#[inline(always)]
-fn larger(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-/// The smaller of two numbers, likewise.
-#[inline(always)]
-fn smaller(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
 }
 
 /// Signed distance by which a coordinate lies outside an interval; 0 inside.
