@@ -25,7 +25,7 @@ use crate::plan::{Candidate, Model, Plan, Stage};
 use crate::report::record::{CandidateRecord, OperationRecord, StageRecord};
 use crate::space::{Grid, GridPoint};
 use crate::surface::SeenSkin;
-use crate::volume::{Sample, Volume};
+use crate::volume::{Sample, Spares, Volume};
 
 /// What all candidates of a run share.
 pub(super) struct Bench<'a, T> {
@@ -38,6 +38,8 @@ pub(super) struct Bench<'a, T> {
     pub nrrd: OutputType,
     pub staging: &'a Staging,
     pub preoperative: &'a Volume<T>,
+    /// Memory for volumes, of those that are not needed any more.
+    pub spares: &'a Spares,
     /// The record of the nose as it is.
     pub start: StageRecord,
     /// Where anything is computed that is drawn or meshed.
@@ -133,7 +135,11 @@ impl<T: Sample> Bench<'_, T> {
                     let key = &keys[place];
                     note(self.staging, &name, key, &computed.note, files, &beside)?;
                     // Only `lee2001` samples the volume of the stage before.
-                    before = (self.plan.morph.model == Model::Lee2001).then_some(computed.volume);
+                    if self.plan.morph.model == Model::Lee2001 && !is_last {
+                        before = Some(computed.volume);
+                    } else {
+                        computed.volume.spare(self.spares);
+                    }
                     computed.note
                 }
             };
@@ -162,7 +168,7 @@ impl<T: Sample> Bench<'_, T> {
             let grid = self.preoperative.grid();
             let operation = Operation::new(self.plan, candidate, earlier, grid)?;
             let source = before.as_ref().unwrap_or(self.preoperative);
-            before = Some(operation.volume(self.preoperative, source, at, clock)?);
+            before = Some(operation.volume((self.preoperative, source), self.spares, at, clock)?);
         }
         Ok(before)
     }
@@ -186,7 +192,7 @@ impl<T: Sample> Bench<'_, T> {
         let operation = Operation::new(self.plan, candidate, last, self.preoperative.grid())?;
         let source = before.as_ref().unwrap_or(self.preoperative);
         let at = place_of(candidate, stage);
-        let volume = operation.volume(self.preoperative, source, at, clock)?;
+        let volume = operation.volume((self.preoperative, source), self.spares, at, clock)?;
         drop(before);
         let skin = self.skin(&volume, candidate, stage, clock)?;
         if let Some(skin) = &skin {
@@ -225,7 +231,7 @@ impl<T: Sample> Bench<'_, T> {
         let mut warnings = Vec::new();
         let operation = Operation::new(plan, candidate, place, preoperative.grid())?;
         let source = before.as_ref().unwrap_or(preoperative);
-        let volume = operation.volume(preoperative, source, at, clock)?;
+        let volume = operation.volume((preoperative, source), self.spares, at, clock)?;
         let adaptive_error = if compares(plan) {
             let compare = || operation.adaptive_error(preoperative, source);
             Some(clock.time(Phase::Compare, Some(at), compare)?)

@@ -13,7 +13,7 @@ use crate::phantom::Phantom as Head;
 use crate::plan::{CtSource, Phantom};
 use crate::report::record::CtRecord;
 use crate::space::{Grid, GridError};
-use crate::volume::{AnyVolume, Rescale, Sample, SampleType, Volume, VolumeError};
+use crate::volume::{AnyVolume, Rescale, Sample, SampleType, Spares, Volume, VolumeError};
 use crate::with_volume;
 
 /// Why a CT cannot be used.
@@ -177,6 +177,14 @@ pub fn header(source: &CtSource) -> Result<CtHeader, CtError> {
 /// # Errors
 /// [`CtError`] where it cannot be used, or is not the one that the plan pins.
 pub fn load(source: &CtSource) -> Result<Ct, CtError> {
+    load_with(source, &Spares::default())
+}
+
+/// As [`load`]; memory that was needed to read it is then among `spares`.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with(source: &CtSource, spares: &Spares) -> Result<Ct, CtError> {
     let ct = match source {
         CtSource::File { path, series, .. } if dicom::is_dicom(path) => {
             let folder = Folder::scan(path)?;
@@ -187,7 +195,7 @@ pub fn load(source: &CtSource) -> Result<Ct, CtError> {
             series: Some(_),
             ..
         } => return Err(CtError::NoSeries { path: path.clone() }),
-        CtSource::File { path, .. } => load_file(path)?,
+        CtSource::File { path, .. } => load_file(path, spares)?,
         CtSource::Phantom(phantom) => return load_phantom(*phantom),
     };
     if let CtSource::File {
@@ -204,11 +212,11 @@ pub fn load(source: &CtSource) -> Result<Ct, CtError> {
     Ok(ct)
 }
 
-fn load_file(path: &Path) -> Result<Ct, CtError> {
+fn load_file(path: &Path, spares: &Spares) -> Result<Ct, CtError> {
     let (format, scan) = if nrrd::is_nrrd(path) {
         ("nrrd", nrrd::read(path)?)
     } else {
-        ("nifti", nifti::read(path)?)
+        ("nifti", nifti::read_with(path, spares)?)
     };
     let sha256 = digest::hex(&scan.sha256);
     let stored = scan.template.orientation();

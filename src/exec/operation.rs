@@ -12,12 +12,13 @@ use crate::morph::field::{Evaluation, Field};
 use crate::morph::halfscale::CoarseDisplacement;
 use crate::morph::inverse::{ClosedForm, Inverse, Sampled};
 use crate::morph::stage::{StageLines, StageMap, Taper};
-use crate::morph::warp::warp;
+use crate::morph::warp::{warp, warp_with};
 use crate::plan::{Candidate, Method, Model, Morph, Plan, Scale, Stage, Tolerance};
+use crate::resample::gaussian::upsample_with;
+use crate::resample::half;
 use crate::resample::half::HalfError;
-use crate::resample::{gaussian, half};
 use crate::space::Grid;
-use crate::volume::{Sample, Volume, VolumeError};
+use crate::volume::{Sample, Spares, Volume, VolumeError};
 
 /// What a stage needs: the map of all stages so far, on the full lattice and, at half scale, on the half
 /// one; and for `lee2001`, which resamples stage by stage, the map of this stage alone.
@@ -78,11 +79,11 @@ impl Operation {
         })
     }
 
-    /// The volume after the stage.
+    /// The volume after the stage, in memory that is at hand where there is any.
     pub(super) fn volume<T: Sample>(
         &self,
-        preoperative: &Volume<T>,
-        before: &Volume<T>,
+        (preoperative, before): (&Volume<T>, &Volume<T>),
+        spares: &Spares,
         place: Place<'_>,
         clock: &mut Clock<'_>,
     ) -> Result<Volume<T>, RunError> {
@@ -90,15 +91,16 @@ impl Operation {
         match (self.morph.model, self.morph.scale) {
             (Model::Local { .. }, Scale::Full) => Ok(clock.time(Phase::Morph, at, || {
                 let evaluation = self.evaluation(&self.full);
-                warp(preoperative, &self.evaluated(evaluation))
+                warp_with(preoperative, &self.evaluated(evaluation), spares)
             })),
             (Model::Local { .. }, Scale::Half) => clock.time(Phase::Morph, at, || {
                 let field = self.upsampled(self.evaluation(&self.half))?;
-                Ok(warp(preoperative, &field))
+                Ok(warp_with(preoperative, &field, spares))
             }),
             (Model::Lee2001, Scale::Full) => Ok(clock.time(Phase::Morph, at, || {
                 let evaluation = self.evaluation(&self.full);
-                warp(before, &Field::evaluated(self.full, &self.own, evaluation))
+                let field = Field::evaluated(self.full, &self.own, evaluation);
+                warp_with(before, &field, spares)
             })),
             (Model::Lee2001, Scale::Half) => {
                 let coarse = clock.time(Phase::Half, at, || half::half(before))?;
@@ -108,7 +110,7 @@ impl Operation {
                 });
                 drop(coarse);
                 let full = clock.time(Phase::Upsample, at, || {
-                    gaussian::upsample::<T>(&warped, before.grid(), before.rescale())
+                    upsample_with::<T>(&warped, before.grid(), before.rescale(), spares)
                 })?;
                 Ok(full)
             }

@@ -38,7 +38,7 @@ use crate::report::record::{
 use crate::report::{csv, markdown};
 use crate::segment::segment;
 use crate::space::{Grid, GridPoint};
-use crate::volume::{Rescale, Sample, Volume};
+use crate::volume::{Rescale, Sample, Spares, Volume};
 use crate::with_volume;
 
 /// A finished run.
@@ -244,6 +244,8 @@ pub fn run(
 /// What a run reads before it computes.
 struct Input {
     ct: Ct,
+    /// Memory that was needed to read it.
+    spares: Spares,
     skin_hu: f64,
     found: Vec<SkinLandmark>,
     /// The plan, resolved once more where its landmarks are moved.
@@ -252,8 +254,9 @@ struct Input {
 
 impl Input {
     fn read(ready: &Ready, clock: &mut Clock<'_>) -> Result<Self, RunError> {
+        let spares = Spares::default();
         let (ct, skin_hu) = clock.time(Phase::Read, None, || {
-            let ct = ct::load(&ready.plan.ct)?;
+            let ct = ct::load_with(&ready.plan.ct, &spares)?;
             let skin_hu = skin_hu(&ready.plan.segment, &ct.volume)?;
             Ok::<_, RunError>((ct, skin_hu))
         })?;
@@ -263,6 +266,7 @@ impl Input {
         })?;
         Ok(Self {
             ct,
+            spares,
             skin_hu,
             found,
             moved,
@@ -363,6 +367,7 @@ fn compute<T: Sample>(
         ),
         staging: to.staging,
         preoperative,
+        spares: &input.spares,
         start: start.record(PREOPERATIVE, None),
         surfaces,
         skins,

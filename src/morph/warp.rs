@@ -7,7 +7,7 @@ use super::LANES;
 use super::field::{Field, Scratch};
 use super::tile::{Tile, split_into_tiles};
 use crate::simd::{Kernel, Simd};
-use crate::volume::{Sample, Trilinear, Volume};
+use crate::volume::{Sample, Spares, Trilinear, Volume};
 
 /// The volume whose every voxel takes the value that `source` has at the position that `field` gives it.
 ///
@@ -15,8 +15,13 @@ use crate::volume::{Sample, Trilinear, Volume};
 /// (method section 3). A voxel that is not moved keeps its sample bit for bit. The field's lattice
 /// must be the volume's.
 pub fn warp<T: Sample>(source: &Volume<T>, field: &Field<'_>) -> Volume<T> {
+    warp_with(source, field, &Spares::default())
+}
+
+/// As [`warp`], in memory that is at hand where there is any.
+pub fn warp_with<T: Sample>(source: &Volume<T>, field: &Field<'_>, spares: &Spares) -> Volume<T> {
     debug_assert_eq!(source.grid().dims(), field.lattice().dims());
-    let mut warped = source.par_clone();
+    let mut warped = source.par_clone(spares);
     let sampler = Trilinear::new(source);
     split_into_tiles(warped.samples_mut(), field.support())
         .into_par_iter()

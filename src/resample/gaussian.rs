@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use crate::simd::{Kernel, Simd};
 use crate::space::Grid;
-use crate::volume::{Rescale, Sample, Volume, VolumeError};
+use crate::volume::{Rescale, Sample, Spares, Volume, VolumeError};
 
 /// Standard deviation, in coarse voxels (method section 5).
 const SIGMA: f64 = 0.5;
@@ -74,6 +74,19 @@ pub fn upsample<T: Sample>(
     grid: &Grid,
     rescale: Rescale,
 ) -> Result<Volume<T>, VolumeError> {
+    upsample_with(coarse, grid, rescale, &Spares::default())
+}
+
+/// As [`upsample`], in memory that is at hand where there is any.
+///
+/// # Errors
+/// As [`upsample`].
+pub fn upsample_with<T: Sample>(
+    coarse: &Volume<T::Mean>,
+    grid: &Grid,
+    rescale: Rescale,
+    spares: &Spares,
+) -> Result<Volume<T>, VolumeError> {
     let [nx, ny, nz] = grid.dims();
     let [cx, cy, cz] = coarse.grid().dims();
     if [nx / 2, ny / 2, nz / 2] != [cx, cy, cz] {
@@ -82,7 +95,7 @@ pub fn upsample<T: Sample>(
             expected: [nz / 2, ny / 2, nx / 2],
         });
     }
-    let mut full = Volume::<T>::zeros(grid.clone(), rescale)?;
+    let mut full = Volume::<T>::any_samples(grid.clone(), rescale, spares)?;
     let plane = full.plane_len();
     let taps = |n: usize, c: usize| (0..n).map(|fine| Taps::new(fine, c)).collect::<Vec<_>>();
     let (along_x, along_y, along_z) = (taps(nx, cx), taps(ny, cy), taps(nz, cz));

@@ -5,6 +5,7 @@
 
 mod mask;
 mod sample;
+mod spares;
 mod trilinear;
 
 use ndarray::{Array3, ArrayView3, ArrayViewMut3};
@@ -15,7 +16,11 @@ use crate::space::Grid;
 
 pub use mask::Mask;
 pub use sample::{Sample, SampleType};
+pub use spares::Spares;
 pub use trilinear::Trilinear;
+
+/// Samples that one thread takes at once where there is little to do for each.
+const PART: usize = 1 << 16;
 
 /// Hounsfield units from stored samples: `slope · stored + intercept`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -115,14 +120,39 @@ impl<T: Sample> Volume<T> {
         })
     }
 
-    /// A copy made by all threads: most of its time goes into pages of memory that are touched for the first time.
+    /// As [`Volume::zeros`], in memory that is at hand where there is any: the samples are whatever they were there.
+    ///
+    /// # Errors
+    /// As [`Volume::zeros`].
+    pub fn any_samples(grid: Grid, rescale: Rescale, spares: &Spares) -> Result<Self, VolumeError> {
+        let [nx, ny, nz] = grid.dims();
+        match spares
+            .take(grid.len())
+            .map(|samples| Array3::from_shape_vec((nz, ny, nx), samples))
+        {
+            Some(Ok(samples)) => Ok(Self {
+                grid,
+                rescale,
+                samples,
+            }),
+            _ => Self::zeros(grid, rescale),
+        }
+    }
+
+    /// A copy made by all threads, in memory that is at hand where there is any: most of the time of another goes into
+    /// pages that are touched for the first time.
     #[must_use]
-    pub fn par_clone(&self) -> Self {
-        /// Samples that one thread copies at once.
-        const PART: usize = 1 << 16;
-        let samples = self.as_slice().par_iter().copied().with_min_len(PART);
-        let samples = Array3::from_shape_vec(self.samples.raw_dim(), samples.collect());
-        match samples {
+    pub fn par_clone(&self, spares: &Spares) -> Self {
+        let from = self.as_slice();
+        let samples = match spares.take(from.len()) {
+            Some(mut samples) => {
+                let parts = samples.par_chunks_mut(PART).zip(from.par_chunks(PART));
+                parts.for_each(|(to, from)| to.copy_from_slice(from));
+                samples
+            }
+            None => from.par_iter().copied().with_min_len(PART).collect(),
+        };
+        match Array3::from_shape_vec(self.samples.raw_dim(), samples) {
             Ok(samples) => Self {
                 grid: self.grid.clone(),
                 rescale: self.rescale,
@@ -131,6 +161,13 @@ impl<T: Sample> Volume<T> {
             // Not met: there are as many as before.
             Err(_) => self.clone(),
         }
+    }
+
+    /// Gives its memory to volumes to come.
+    pub fn spare(self, spares: &Spares) {
+        // Both constructors leave the array in standard layout, from its first sample.
+        let (samples, _) = self.samples.into_raw_vec_and_offset();
+        spares.give(samples);
     }
 
     /// Size, spacing and position.
@@ -184,19 +221,23 @@ impl<T: Sample> Volume<T> {
 
     /// Smallest and largest sample in Hounsfield units.
     pub fn hu_range(&self) -> (f64, f64) {
-        let (low, high) = self.as_slice().iter().fold(
-            (f64::INFINITY, f64::NEG_INFINITY),
-            |(low, high), &sample| {
+        let none = (f64::INFINITY, f64::NEG_INFINITY);
+        let parts = self.as_slice().par_chunks(PART).map(|part| {
+            part.iter().fold(none, |(low, high), &sample| {
                 let value = sample.to_f64();
                 (low.min(value), high.max(value))
-            },
-        );
+            })
+        });
+        // In order: of zeros of both signs it depends on it which is the smallest.
+        let parts: Vec<(f64, f64)> = parts.collect();
+        let both = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
+        let (low, high) = parts.into_iter().fold(none, both);
         let (a, b) = (self.rescale.to_hu(low), self.rescale.to_hu(high));
         (a.min(b), a.max(b))
     }
 }
 
-/// `len` zero samples, or an error where the machine has no memory for them.
+/// `len` zero samples, or an error where the machine has no memory for them. All threads touch its pages.
 pub fn zeroed<T: Sample>(len: usize) -> Result<Vec<T>, VolumeError> {
     let mut samples = Vec::new();
     samples
@@ -205,7 +246,8 @@ pub fn zeroed<T: Sample>(len: usize) -> Result<Vec<T>, VolumeError> {
             voxels: len,
             bytes_per_voxel: size_of::<T>(),
         })?;
-    samples.resize(len, T::default());
+    let zeros = (0..len).into_par_iter().with_min_len(PART);
+    zeros.map(|_| T::default()).collect_into_vec(&mut samples);
     Ok(samples)
 }
 

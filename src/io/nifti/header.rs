@@ -70,6 +70,11 @@ impl ByteOrder {
         }
     }
 
+    /// Whether it is this machine's.
+    pub(super) fn is_native(self) -> bool {
+        self.i32(1_i32.to_ne_bytes()) == 1
+    }
+
     /// As the `nifti` crate calls it.
     pub(super) fn endianness(self) -> Endianness {
         match self {

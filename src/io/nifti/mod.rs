@@ -36,7 +36,7 @@ mod write;
 
 use std::path::Path;
 
-use crate::volume::AnyVolume;
+use crate::volume::{AnyVolume, Spares};
 
 pub use super::axes::StoredAxes;
 pub use error::{NiftiError, NiftiProblem, WriteError};
@@ -73,17 +73,26 @@ pub fn read_header(path: &Path) -> Result<Template, NiftiError> {
     read().map_err(|problem| NiftiError::new(path, problem))
 }
 
-/// Reads a volume. Beside the samples it holds about 2 MiB.
+/// Reads a volume.
 ///
 /// # Errors
 /// [`NiftiError`] names the file, the field or the part of it that is wrong, what was found and what is
 /// expected.
 pub fn read(path: &Path) -> Result<Scan, NiftiError> {
+    read_with(path, &Spares::default())
+}
+
+/// As [`read`]. A gzip file of one member, in this machine's byte order and with nothing after the samples, is inflated
+/// at once; where it was is then among `spares`. Other files are read in pieces, about 2 MiB beside the samples.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_with(path: &Path, spares: &Spares) -> Result<Scan, NiftiError> {
     let read = || {
         let source = source::Source::open(path)?;
         let header = source.header()?;
         let template = Template::from_header(&header)?;
-        let (volume, sha256) = samples::read(source, &header, &template)?;
+        let (volume, sha256) = samples::read(source, &header, &template, spares)?;
         Ok(Scan {
             volume,
             template,

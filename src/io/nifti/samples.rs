@@ -5,14 +5,16 @@
 //! (its scaling would go through floats, and truncate). In pieces, because the decoder allocates without
 //! asking; so beside the samples themselves only a piece or two is held.
 
-use ndarray::{Array3, ArrayView2, Axis, Slice};
+use bytemuck::Pod;
+use ndarray::parallel::prelude::*;
+use ndarray::{Array3, ArrayView2, ArrayView3, ArrayViewMut3, Axis, Slice};
 use nifti::{DataElement, InMemNiftiVolume, IntoNdArray};
 
 use super::error::NiftiProblem;
 use super::header::Header;
 use super::source::{Content, Source};
 use super::template::Template;
-use crate::volume::{AnyVolume, Rescale, Sample, SampleType, Volume, VolumeError, zeroed};
+use crate::volume::{AnyVolume, Rescale, Sample, SampleType, Spares, Volume, VolumeError, zeroed};
 
 /// Bytes decoded at once.
 const PIECE: usize = 1 << 20;
@@ -22,39 +24,91 @@ pub(super) fn read(
     mut source: Source,
     header: &Header,
     template: &Template,
+    spares: &Spares,
 ) -> Result<(AnyVolume, [u8; 32]), NiftiProblem> {
     source.check_claim(header.needed())?;
-    let content = source.content()?;
     match header.sample_type {
-        SampleType::U8 => typed::<u8>(content, header, template),
-        SampleType::I8 => typed::<i8>(content, header, template),
-        SampleType::U16 => typed::<u16>(content, header, template),
-        SampleType::I16 => typed::<i16>(content, header, template),
-        SampleType::U32 => typed::<u32>(content, header, template),
-        SampleType::I32 => typed::<i32>(content, header, template),
-        SampleType::U64 => typed::<u64>(content, header, template),
-        SampleType::I64 => typed::<i64>(content, header, template),
-        SampleType::F32 => typed::<f32>(content, header, template),
-        SampleType::F64 => typed::<f64>(content, header, template),
+        SampleType::U8 => typed::<u8>(source, header, template, spares),
+        SampleType::I8 => typed::<i8>(source, header, template, spares),
+        SampleType::U16 => typed::<u16>(source, header, template, spares),
+        SampleType::I16 => typed::<i16>(source, header, template, spares),
+        SampleType::U32 => typed::<u32>(source, header, template, spares),
+        SampleType::I32 => typed::<i32>(source, header, template, spares),
+        SampleType::U64 => typed::<u64>(source, header, template, spares),
+        SampleType::I64 => typed::<i64>(source, header, template, spares),
+        SampleType::F32 => typed::<f32>(source, header, template, spares),
+        SampleType::F64 => typed::<f64>(source, header, template, spares),
     }
 }
 
-fn typed<T: Sample + DataElement>(
-    mut content: Content,
+fn typed<T: Sample + DataElement + Pod>(
+    mut source: Source,
     header: &Header,
     template: &Template,
+    spares: &Spares,
 ) -> Result<(AnyVolume, [u8; 32]), NiftiProblem> {
     let grid = template.grid().clone();
     let [nx, ny, nz] = grid.dims();
     let memory = |_| NiftiProblem::Memory {
         bytes: header.sample_bytes(),
     };
+    // Before there are samples, while the packed file is held.
+    let whole = header
+        .order
+        .is_native()
+        .then(|| source.whole::<T>(header.needed()));
     let samples = zeroed::<T>(grid.len()).map_err(memory)?;
     let mut samples = Array3::from_shape_vec((nz, ny, nx), samples).map_err(decode)?;
-
-    content.skip(header.vox_offset)?;
-    let mut stored = template.orientation().stored_view(samples.view_mut());
+    let stored = template.orientation().stored_view(samples.view_mut());
     let mut odd = NotNumbers::default();
+    let sha256 = match whole.flatten() {
+        Some((numbers, sha256)) => {
+            odd = place(&numbers, header, stored)?;
+            spares.give(numbers);
+            sha256
+        }
+        None => stream(source.content()?, header, stored, &mut odd)?,
+    };
+    odd.verdict(grid.len())?;
+    let volume =
+        Volume::new(grid, header.rescale, samples).map_err(|error: VolumeError| decode(error))?;
+    Ok((T::wrap(volume), sha256))
+}
+
+/// Puts the samples of a file, of which all bytes are given as numbers, into an array as they are stored.
+fn place<T: Sample>(
+    numbers: &[T],
+    header: &Header,
+    mut stored: ArrayViewMut3<'_, T>,
+) -> Result<NotNumbers, NiftiProblem> {
+    let [ni, nj, nk] = header.dims;
+    let begin = usize::try_from(header.vox_offset).map_err(decode)? / size_of::<T>();
+    let numbers = numbers.get(begin..).unwrap_or_default();
+    let numbers = ArrayView3::from_shape((nk, nj, ni), numbers).map_err(decode)?;
+    let planes = stored.axis_iter_mut(Axis(0)).into_par_iter();
+    let planes = planes.zip(numbers.axis_iter(Axis(0)).into_par_iter());
+    let odd = planes.enumerate().map(|(k, (mut to, from))| {
+        to.assign(&from);
+        let mut odd = NotNumbers::default();
+        odd.look(
+            from.as_slice().unwrap_or_default(),
+            header.rescale,
+            [ni, 0, k],
+        );
+        odd
+    });
+    let odd: Vec<NotNumbers> = odd.collect();
+    Ok(odd.into_iter().fold(NotNumbers::default(), NotNumbers::and))
+}
+
+/// Puts the samples of a stream into an array as they are stored; returns the SHA-256 of the file.
+fn stream<T: Sample + DataElement>(
+    mut content: Content,
+    header: &Header,
+    mut stored: ArrayViewMut3<'_, T>,
+    odd: &mut NotNumbers,
+) -> Result<[u8; 32], NiftiProblem> {
+    content.skip(header.vox_offset)?;
     let [ni, nj, nk] = header.dims;
     let rows_at_once = (PIECE / (ni * size_of::<T>())).clamp(1, nj);
     for k in 0..nk {
@@ -69,11 +123,7 @@ fn typed<T: Sample + DataElement>(
                 .assign(&piece);
         }
     }
-    let sha256 = content.finish()?;
-    odd.verdict(grid.len())?;
-    let volume =
-        Volume::new(grid, header.rescale, samples).map_err(|error: VolumeError| decode(error))?;
-    Ok((T::wrap(volume), sha256))
+    content.finish()
 }
 
 fn decode(error: impl ToString) -> NiftiProblem {
@@ -136,6 +186,14 @@ impl NotNumbers {
                 self.first
                     .get_or_insert(([index % ni, j + index / ni, k], value));
             }
+        }
+    }
+
+    /// Of these samples and those that come after.
+    fn and(self, after: Self) -> Self {
+        Self {
+            count: self.count + after.count,
+            first: self.first.or(after.first),
         }
     }
 

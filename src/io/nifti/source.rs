@@ -4,11 +4,14 @@ use std::fs::{self, File};
 use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
 
+use bytemuck::Pod;
 use flate2::bufread::MultiGzDecoder;
 use sha2::{Digest, Sha256};
 
 use super::error::NiftiProblem;
 use super::header::{FIRST_OFFSET, Header};
+use crate::io::gzip::{claimed_len, inflate_whole};
+use crate::volume::{Sample, zeroed};
 
 /// Deflate cannot pack more than this many bytes into one: 258 for two bits.
 pub(in crate::io) const LARGEST_RATIO: u64 = 1032;
@@ -97,6 +100,33 @@ impl Source {
         }
         self.file.rewind().map_err(NiftiProblem::Io)?;
         check_claim(&self.file, needed, self.len)
+    }
+
+    /// All bytes of a gzip file of a single member that holds exactly what the header needs, as numbers in this
+    /// machine's order, and the SHA-256 of the file; none of any other file, or a damaged one.
+    ///
+    /// For a moment the file itself is held beside them.
+    pub(super) fn whole<T: Sample + Pod>(&mut self, needed: u64) -> Option<(Vec<T>, [u8; 32])> {
+        let needed = usize::try_from(needed).ok()?;
+        if !self.compressed || !needed.is_multiple_of(size_of::<T>()) {
+            return None;
+        }
+        self.file.rewind().ok()?;
+        let len = usize::try_from(self.len).ok()?;
+        let mut packed = Vec::new();
+        packed.try_reserve_exact(len).ok()?;
+        (&self.file).take(self.len).read_to_end(&mut packed).ok()?;
+        // A file of several members is mostly found here, before anything is inflated.
+        if claimed_len(&packed)? as usize != needed {
+            return None;
+        }
+        let inflate = || {
+            let mut numbers = zeroed::<T>(needed / size_of::<T>()).ok()?;
+            let bytes = bytemuck::cast_slice_mut(&mut numbers);
+            inflate_whole(&packed, bytes).then_some(numbers)
+        };
+        let (numbers, sha256) = rayon::join(inflate, || Sha256::digest(&packed).into());
+        Some((numbers?, sha256))
     }
 
     /// The (inflated) bytes from the first.
