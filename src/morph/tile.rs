@@ -50,6 +50,11 @@ impl Tile {
         self.cell = Some(corners);
     }
 
+    /// The corners of a tile that is a single cell: all of its positions are among them.
+    pub(super) fn corners(&self) -> Option<&[DVec3; 8]> {
+        self.cell.as_ref()
+    }
+
     /// Place in the arrays of the row at (y, z) from the tile's start.
     #[inline]
     pub(super) fn row(y: usize, z: usize) -> std::ops::Range<usize> {

@@ -21,7 +21,11 @@ pub fn warp<T: Sample>(source: &Volume<T>, field: &Field<'_>) -> Volume<T> {
 /// As [`warp`], in memory that is at hand where there is any.
 pub fn warp_with<T: Sample>(source: &Volume<T>, field: &Field<'_>, spares: &Spares) -> Volume<T> {
     debug_assert_eq!(source.grid().dims(), field.lattice().dims());
-    let mut warped = source.par_clone(spares);
+    // Where all of it is sampled, and nothing asks for what was there, nothing has to be there.
+    let all = T::BLENDS_EXACTLY && field.support().dims() == source.grid().dims();
+    let anything = || Volume::any_samples(source.grid().clone(), source.rescale(), spares).ok();
+    let anything = all.then(anything).flatten();
+    let mut warped = anything.unwrap_or_else(|| source.par_clone(spares));
     let sampler = Trilinear::new(source);
     split_into_tiles(warped.samples_mut(), field.support())
         .into_par_iter()
@@ -53,6 +57,9 @@ impl<T: Sample> Kernel for SampleTile<'_, T> {
     #[inline(always)]
     fn run(mut self) {
         let [x0, y0, z0] = self.tile.voxels().start;
+        // Rounding takes a position between corners no further than a fraction of the voxel that they are from the rim.
+        let corners = self.tile.corners();
+        let is_inside = corners.is_some_and(|at| at.iter().all(|&at| self.sampler.holds(at)));
         let mut home = [0.0; LANES];
         for (lane, home) in home.iter_mut().enumerate() {
             *home = (x0 + lane) as f64;
@@ -62,7 +69,11 @@ impl<T: Sample> Kernel for SampleTile<'_, T> {
                 let (Some(from), Some(to)) = (self.tile.lanes(y, z), to.into_slice()) else {
                     continue;
                 };
-                let values = self.sampler.row(&from.x, &from.y, &from.z);
+                let values = if is_inside {
+                    self.sampler.row_inside(&from.x, &from.y, &from.z)
+                } else {
+                    self.sampler.row(&from.x, &from.y, &from.z)
+                };
                 let mut row = [T::default(); LANES];
                 for lane in 0..LANES {
                     row[lane] = T::from_interpolated(values[lane]);

@@ -8,17 +8,18 @@ pub fn pairs<T: Copy + Default, const N: usize, const K: usize>(
     places: &[u64; N],
     offsets: [usize; K],
 ) -> Option<[[[T; 2]; N]; K]> {
-    let most = places
-        .iter()
-        .fold(0, |most, &at| if at > most { at } else { most });
     let reach = offsets
         .iter()
         .fold(0, |most, &at| if at > most { at } else { most });
-    let end = usize::try_from(most)
-        .ok()?
-        .checked_add(reach)?
-        .checked_add(2)?;
-    if end > samples.len() {
+    // The last place of which the farthest pair is still there. No slice is as long as 2⁶³.
+    let last = samples.len().checked_sub(2)?.checked_sub(reach)? as u64;
+    // Above it are the places whose highest bit is set, and, of the rest, those that give it to the difference: a few
+    // instructions for all places, where finding the largest takes one after another.
+    let mut beyond = 0;
+    for &place in places {
+        beyond |= place | last.wrapping_sub(place);
+    }
+    if beyond >> 63 != 0 {
         return None;
     }
     let mut found = [[[T::default(); 2]; N]; K];
@@ -27,8 +28,8 @@ pub fn pairs<T: Copy + Default, const N: usize, const K: usize>(
             let first = samples
                 .as_ptr()
                 .wrapping_add(places[lane] as usize + offsets[row]);
-            // SAFETY: `place` is at most `most` and `offset` at most `reach`, so this sample and the next are before
-            // `end`, within `samples`. Two samples have the layout of an array of two, which is read wherever it lies.
+            // SAFETY: `place` is at most `last` and `offset` at most `reach`, so this sample and the next are within
+            // `samples`. Two samples have the layout of an array of two, which is read wherever it lies.
             found[row][lane] = unsafe { first.cast::<[T; 2]>().read_unaligned() };
         }
     }

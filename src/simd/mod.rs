@@ -13,10 +13,11 @@
 // The only module with `unsafe` code. Each block says why it is sound.
 #![allow(
     unsafe_code,
-    reason = "instructions that not every processor has are not safe to call; loads that are checked once for many"
+    reason = "instructions that not every processor has are not safe to call; loads that are checked once for many; conversions of what was clamped"
 )]
 
 mod load;
+mod round;
 
 use std::env;
 use std::fmt;
@@ -25,6 +26,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use crate::text::shown;
 pub use load::pairs;
+pub use round::round_within;
 
 /// Which of all instructions are tried, counted from 1; 0 where none are.
 static TRIED: AtomicUsize = AtomicUsize::new(0);
