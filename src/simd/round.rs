@@ -32,10 +32,10 @@ mod tests {
             let (short, byte) = (value.round() as i16, value.round() as u8);
             assert_eq!(
                 round_within::<-32768, 32767>(value),
-                short.into(),
+                i32::from(short),
                 "{value:e}"
             );
-            assert_eq!(round_within::<0, 255>(value), byte.into(), "{value:e}");
+            assert_eq!(round_within::<0, 255>(value), i32::from(byte), "{value:e}");
         }
         assert_eq!(round_within::<-3, 7>(f64::NAN), -3);
         let all = round_within::<{ i32::MIN }, { i32::MAX }>;

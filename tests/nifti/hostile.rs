@@ -490,17 +490,19 @@ fn voxels_that_are_not_numbers_are_counted_and_the_first_is_named() {
             big,
             samples,
         );
-        let error = folder.read(&file.bytes()).unwrap_err();
-        let NiftiProblem::NotFinite {
-            count,
-            total,
-            first,
-            value,
-        } = error.problem
-        else {
-            panic!("{error}");
-        };
-        assert_eq!((count, total, first), (3, 60, [3, 1, 1]));
-        assert_eq!(value, f64::NEG_INFINITY);
+        for bytes in [file.bytes(), file.gzip()] {
+            let error = folder.read(&bytes).unwrap_err();
+            let NiftiProblem::NotFinite {
+                count,
+                total,
+                first,
+                value,
+            } = error.problem
+            else {
+                panic!("{error}");
+            };
+            assert_eq!((count, total, first), (3, 60, [3, 1, 1]));
+            assert_eq!(value, f64::NEG_INFINITY);
+        }
     }
 }

@@ -1,12 +1,14 @@
 //! What is read is what the file stores, and what is written reads back the same.
 
 use rhinoplan::io::gzip::GzipWriter;
-use rhinoplan::io::nifti::{ByteOrder, Scan, WriteError, read, read_header, save_volume};
+use rhinoplan::io::nifti::{
+    ByteOrder, Scan, WriteError, read, read_header, read_with, save_volume,
+};
 use rhinoplan::space::Grid;
-use rhinoplan::volume::{AnyVolume, Rescale, Sample, Volume};
+use rhinoplan::volume::{AnyVolume, Rescale, Sample, Spares, Volume};
 use rhinoplan::with_volume;
 
-use crate::builder::{Folder, Nifti, Noise, TYPES};
+use crate::builder::{Folder, Nifti, Noise, TYPES, gzip};
 
 /// A template's volume as an uncompressed file.
 fn written(scan: &Scan, volume: &AnyVolume) -> Vec<u8> {
@@ -114,9 +116,36 @@ fn pieces_and_batches_join_without_a_seam() {
     ] {
         let count = dims.iter().map(|&n| n as usize).product();
         let file = Nifti::new(dims, code, size, false, noise(code, count, size));
-        let scan = folder.read(&file.bytes()).unwrap();
-        assert!(written(&scan, &scan.volume) == file.bytes(), "{dims:?}");
+        for bytes in [file.bytes(), file.gzip()] {
+            let scan = folder.read(&bytes).unwrap();
+            assert!(written(&scan, &scan.volume) == file.bytes(), "{dims:?}");
+        }
     }
+}
+
+#[test]
+fn memory_that_a_gzip_file_was_inflated_in_is_given_away() {
+    let folder = Folder::new();
+    let path = folder.path().join("ct");
+    let given = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let spares = Spares::default();
+        let scan = read_with(&path, &spares).unwrap();
+        assert!(scan.volume == read(&path).unwrap().volume);
+        spares.take::<i16>(scan.volume.grid().len()).is_some()
+    };
+    let file = Nifti::small();
+    assert!(given(&file.gzip()));
+    assert!(!given(&file.bytes()));
+    let bytes = file.bytes();
+    let (first, second) = bytes.split_at(400);
+    let members = [gzip(first), gzip(second)].concat();
+    assert!(!given(&members), "of several members");
+    let with_more = [file.bytes(), vec![1; 77]].concat();
+    assert!(!given(&gzip(&with_more)), "with bytes after the samples");
+    let big: Vec<u8> = noise(4, 60, 2);
+    let big = Nifti::new([5, 4, 3], 4, 2, true, big);
+    assert!(!given(&big.gzip()), "of the other byte order");
 }
 
 #[test]
