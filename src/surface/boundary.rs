@@ -260,9 +260,14 @@ impl SemiBoundary {
     /// The point of the surface that a boundary voxel stands for: its centre, moved along the normal to
     /// where the threshold is crossed.
     pub fn surface_point(&self, voxel: BoundaryVoxel, y: usize, z: usize) -> GridPoint {
-        let centre = DVec3::new(voxel.x() as f64, y as f64, z as f64) * self.grid.spacing();
-        let offset = f64::from(voxel.offset) * self.offset_step();
-        GridPoint(centre + voxel.normal().as_dvec3() * offset)
+        self.point_of([voxel.x(), y, z], voxel.offset, voxel.normal().as_dvec3())
+    }
+
+    /// The same, from the parts of a voxel.
+    #[inline]
+    pub(super) fn point_of(&self, index: [usize; 3], offset: i8, normal: DVec3) -> GridPoint {
+        let (spacing, step) = (self.grid.spacing(), self.offset_step());
+        GridPoint(surface_point(index, offset, normal, spacing, step))
     }
 
     /// Every boundary voxel with its place, y and z, in the order of [`SemiBoundary::voxels`].
@@ -292,4 +297,17 @@ impl SemiBoundary {
 
 pub(super) fn offset_step(grid: &Grid) -> f64 {
     grid.spacing().max_element() / 100.0
+}
+
+/// The surface point of a voxel.
+#[inline]
+pub(super) fn surface_point(
+    index: [usize; 3],
+    offset: i8,
+    normal: DVec3,
+    spacing: DVec3,
+    offset_step: f64,
+) -> DVec3 {
+    let centre = DVec3::from(index.map(|at| at as f64)) * spacing;
+    centre + normal * (f64::from(offset) * offset_step)
 }
