@@ -176,31 +176,6 @@ impl SemiBoundary {
         self.region
     }
 
-    /// The boundary voxels in `region` alone, as they are: nothing is cut open.
-    pub fn only_in(&self, region: Region) -> Self {
-        let [_, ny, nz] = self.grid.dims();
-        let [first, last] = [region.first, region.last];
-        let mut rows = Vec::with_capacity(self.rows.len());
-        let mut voxels = Vec::new();
-        rows.push(0);
-        for row in 0..ny * nz {
-            let (y, z) = (row % ny, row / ny);
-            if first[1] <= y && y <= last[1] && first[2] <= z && z <= last[2] {
-                let all = self.row(y, z).iter();
-                voxels.extend(all.filter(|voxel| first[0] <= voxel.x() && voxel.x() <= last[0]));
-            }
-            // No more than there were, which an index of this type counted.
-            rows.push(voxels.len() as u32);
-        }
-        voxels.shrink_to_fit();
-        Self {
-            grid: self.grid.clone(),
-            region: self.region,
-            rows,
-            voxels,
-        }
-    }
-
     /// All boundary voxels, row by row: z slowest, x fastest.
     pub fn voxels(&self) -> &[BoundaryVoxel] {
         &self.voxels
@@ -233,6 +208,14 @@ impl SemiBoundary {
     /// The voxels of row (y, z), in order of x.
     pub fn row(&self, y: usize, z: usize) -> &[BoundaryVoxel] {
         self.voxels.get(self.row_range(y, z)).unwrap_or_default()
+    }
+
+    /// The rows, y and z, that have voxels: a surface that is held only around the nose has few.
+    pub(super) fn rows_with_voxels(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
+        let [_, ny, _] = self.grid.dims();
+        let rows = self.rows.windows(2).enumerate();
+        let rows = rows.filter(|(_, ends)| ends.first() < ends.last());
+        rows.map(move |(row, _)| [row % ny, row / ny])
     }
 
     /// The voxel index (x, y, z) of a boundary voxel, by its place in [`SemiBoundary::voxels`].

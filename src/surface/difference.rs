@@ -145,7 +145,7 @@ impl SeenSkin {
     }
 
     fn seen_rows(&self) -> Vec<SeenRow> {
-        let rows = rows_with_voxels(&self.surface).filter_map(|[y, z]| {
+        let rows = self.surface.rows_with_voxels().filter_map(|[y, z]| {
             let places = self.surface.row_range(y, z);
             let seen = self.seen.get(places.clone())?.iter();
             let mut row = None;
@@ -239,14 +239,6 @@ impl SeenSkin {
 
 fn is_set(flags: &[bool], place: usize) -> bool {
     flags.get(place).copied().unwrap_or_default()
-}
-
-/// The rows, y and z, that have voxels: a skin that is held only around the nose has few.
-fn rows_with_voxels(surface: &SemiBoundary) -> impl Iterator<Item = [usize; 2]> + '_ {
-    let [_, ny, _] = surface.grid().dims();
-    let rows = surface.rows.windows(2).enumerate();
-    let rows = rows.filter(|(_, ends)| ends.first() < ends.last());
-    rows.map(move |(row, _)| [row % ny, row / ny])
 }
 
 /// How far two skins of one grid are apart where at least one of them moved by more than [`MOVED_MM`], in both

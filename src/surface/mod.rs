@@ -14,7 +14,7 @@ mod points;
 mod sight;
 
 pub use boundary::{BoundaryVoxel, NeighbourCode, SemiBoundary, SurfaceError};
-pub use build::{Region, semi_boundary};
+pub use build::{Region, semi_boundary, semi_boundary_in};
 pub use difference::{
     ComparedSkin, MOVED_MM, SeenSkin, SkinBefore, SkinDifference, skin_difference,
 };

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::boundary::{SemiBoundary, surface_point};
+use super::boundary::{BoundaryVoxel, SemiBoundary, surface_point};
 use super::distance::Nearest;
 
 /// The surface points of the boundary voxels that face somewhere, in rows along x of cells as large as voxels. A point
@@ -11,15 +11,73 @@ use super::distance::Nearest;
 pub struct PointIndex {
     spacing: DVec3,
     offset_step: f64,
-    /// Cell y and z of the first row.
-    first: [isize; 2],
-    /// Rows along y and z.
-    size: [usize; 2],
+    cells: Cells,
     /// Where each row begins in `points`, y fastest; one more than there are rows.
     rows: Vec<u32>,
     points: Vec<Point>,
     /// More than any rounding of a position, mm.
     room: f64,
+}
+
+/// The cells across x, those of the voxels of a surface: y and z of the first and the last. What lies beyond these is
+/// in the outermost.
+#[derive(Debug, Clone, Copy)]
+struct Cells {
+    spacing: [f64; 2],
+    first: [isize; 2],
+    last: [isize; 2],
+}
+
+impl Cells {
+    fn rows(&self) -> usize {
+        let size = |axis: usize| self.last[axis].abs_diff(self.first[axis]) + 1;
+        size(0) * size(1)
+    }
+
+    /// The number of a cell.
+    #[inline]
+    fn row(&self, [y, z]: [isize; 2]) -> usize {
+        let along_y = self.last[0].abs_diff(self.first[0]) + 1;
+        z.abs_diff(self.first[1]) * along_y + y.abs_diff(self.first[0])
+    }
+
+    /// The cell of a point.
+    #[inline]
+    fn at(&self, point: DVec3) -> [isize; 2] {
+        let each = |axis: usize, mm: f64| {
+            let after = mm / self.spacing[axis] - self.first[axis] as f64;
+            // Not below 0, so that this rounds to the nearest.
+            let after = (after + 0.5).max(0.0) as isize;
+            self.first[axis].saturating_add(after).min(self.last[axis])
+        };
+        [each(0, point.y), each(1, point.z)]
+    }
+
+    /// How far points of cells that are `ring` away from `centre`, the cell of `from`, are at least from that, mm.
+    fn beyond(&self, centre: [isize; 2], ring: isize, from: DVec3) -> f64 {
+        let side = |axis: usize, away: isize, at: f64| {
+            let cell = centre[axis] + away;
+            match (self.first[axis]..=self.last[axis]).contains(&cell) {
+                true => self.gap(centre[axis], away, axis, at),
+                false => f64::INFINITY,
+            }
+        };
+        let y = side(0, -ring, from.y).min(side(0, ring, from.y));
+        y.min(side(1, -ring, from.z)).min(side(1, ring, from.z))
+    }
+
+    /// How far the points of a cell that is `away` from the cell at `centre` are at least from a point of that, along
+    /// y (0) or z (1), mm. `at` is where the point is along that axis.
+    #[inline]
+    fn gap(&self, centre: isize, away: isize, axis: usize, at: f64) -> f64 {
+        let spacing = self.spacing[axis];
+        let middle = (centre + away) as f64 * spacing;
+        match away {
+            0 => 0.0,
+            1.. => middle - 0.5 * spacing - at,
+            _ => at - (middle + 0.5 * spacing),
+        }
+    }
 }
 
 /// A surface point, as where it is along x and what it is made of.
@@ -37,7 +95,40 @@ const _: () = assert!(size_of::<Point>() == 24);
 
 /// The normals of the boundary voxels of a surface, unpacked once for many uses.
 pub(super) fn normals(surface: &SemiBoundary) -> Vec<Vec3> {
-    surface.voxels.iter().map(|voxel| voxel.normal()).collect()
+    let (eights, rest) = surface.voxels.as_chunks::<8>();
+    let mut normals = Vec::with_capacity(surface.len());
+    for voxels in eights {
+        let [x, y, z] = BoundaryVoxel::normals(voxels);
+        for lane in 0..8 {
+            normals.push(Vec3::new(x[lane], y[lane], z[lane]));
+        }
+    }
+    normals.extend(rest.iter().map(|voxel| voxel.normal()));
+    normals
+}
+
+/// Every surface point that faces somewhere, in the order of its voxels.
+#[inline]
+fn for_each_facing(surface: &SemiBoundary, normals: &[Vec3], mut each: impl FnMut(DVec3, Point)) {
+    let (spacing, step) = (surface.grid().spacing(), surface.offset_step());
+    for [y, z] in surface.rows_with_voxels() {
+        let normals = normals.get(surface.row_range(y, z)).unwrap_or_default();
+        for (voxel, &normal) in surface.row(y, z).iter().zip(normals) {
+            if voxel.code().is_cut() {
+                continue;
+            }
+            let index = [voxel.x(), y, z];
+            let at = surface_point(index, voxel.offset, normal.as_dvec3(), spacing, step);
+            let point = Point {
+                x: at.x as f32,
+                normal,
+                // A grid has at most 32767 voxels along an axis.
+                index: index.map(|at| at as u16),
+                offset: voxel.offset,
+            };
+            each(at, point);
+        }
+    }
 }
 
 /// What a search found.
@@ -53,47 +144,42 @@ impl PointIndex {
     /// those of its voxels.
     pub(super) fn new(surface: &SemiBoundary, normals: &[Vec3]) -> Self {
         let spacing = surface.grid().spacing();
-        let voxels = surface.iter().zip(normals);
-        let facing = voxels.filter(|((_, voxel, ..), _)| !voxel.code().is_cut());
-        let placed = facing.map(|((_, voxel, y, z), &normal)| {
-            let index = [voxel.x(), y, z];
-            let point = surface.point_of(index, voxel.offset, normal.as_dvec3()).0;
-            let placed = Point {
-                x: point.x as f32,
-                normal,
-                // A grid has at most 32767 voxels along an axis.
-                index: index.map(|at| at as u16),
-                offset: voxel.offset,
-            };
-            (cell(point, spacing), placed)
-        });
-        let placed: Vec<([isize; 2], Point)> = placed.collect();
-        let ends = placed.iter().fold(None, |ends, &(cell, _)| {
-            let (first, last) = ends.unwrap_or((cell, cell));
-            let each = |ends: [isize; 2], of: fn(isize, isize) -> isize| {
-                [of(ends[0], cell[0]), of(ends[1], cell[1])]
-            };
-            Some((each(first, Ord::min), each(last, Ord::max)))
-        });
-        let (first, last) = ends.unwrap_or(([0; 2], [-1; 2]));
-        let size = [0, 1].map(|axis| (last[axis] - first[axis] + 1).unsigned_abs());
-        let row = |[y, z]: [isize; 2]| z.abs_diff(first[1]) * size[0] + y.abs_diff(first[0]);
-        // Counted, then each put into its row.
-        let mut rows = vec![0_u32; size[0] * size[1] + 1];
-        for (cell, _) in &placed {
-            rows[row(*cell)] += 1;
+        let mut ends = None;
+        for [y, z] in surface.rows_with_voxels() {
+            let (first, last) = ends.unwrap_or(([y, z], [y, z]));
+            let first = [first[0].min(y), first[1].min(z)];
+            ends = Some((first, [last[0].max(y), last[1].max(z)]));
         }
+        // None where there are no voxels: nothing is asked of them then.
+        let (first, last) = ends.unwrap_or_default();
+        let cells = Cells {
+            spacing: [spacing.y, spacing.z],
+            first: first.map(|at| at as isize),
+            last: last.map(|at| at as isize),
+        };
+        // Counted, then each put into its row.
+        let mut rows = vec![0_u32; cells.rows() + 1];
+        let mut row_of = Vec::with_capacity(surface.len());
+        for_each_facing(surface, normals, |point, _| {
+            let row = cells.row(cells.at(point));
+            rows[row] += 1;
+            // Fits: there are no more rows than in the grid, of at most 32767 voxels along an axis.
+            row_of.push(row as u32);
+        });
         let mut begin = 0;
         for row in &mut rows {
             begin += std::mem::replace(row, begin);
         }
-        let mut points = vec![Point::default(); placed.len()];
+        let mut points = vec![Point::default(); row_of.len()];
         let mut next = rows.clone();
-        for (cell, point) in placed {
-            let next = &mut next[row(cell)];
-            points[*next as usize] = point;
-            *next += 1;
-        }
+        let mut row_of = row_of.iter();
+        for_each_facing(surface, normals, |_, point| {
+            if let Some(&row) = row_of.next() {
+                let next = &mut next[row as usize];
+                points[*next as usize] = point;
+                *next += 1;
+            }
+        });
         for ends in rows.windows(2) {
             let row = &mut points[ends[0] as usize..ends[1] as usize];
             row.sort_by(|one, other| one.x.total_cmp(&other.x));
@@ -102,8 +188,7 @@ impl PointIndex {
         Self {
             spacing,
             offset_step: surface.offset_step(),
-            first,
-            size,
+            cells,
             rows,
             points,
             // An f32 has 24 bits.
@@ -128,17 +213,16 @@ impl PointIndex {
             tied: false,
             limit: guess.map_or(limit, |guess| guess.squared.sqrt()) + self.room,
         };
-        let centre = cell(from, self.spacing);
-        let rings = (0..2).map(|axis| {
-            let last = self.first[axis].saturating_add_unsigned(self.size[axis]);
-            (centre[axis].abs_diff(self.first[axis])).max(centre[axis].abs_diff(last))
-        });
-        for ring in 0..=rings.max().unwrap_or_default() as isize {
-            if search.beyond(centre, ring) > search.limit {
+        let cells = self.cells;
+        let centre = cells.at(from);
+        let furthest = (0..2)
+            .map(|axis| (centre[axis] - cells.first[axis]).max(cells.last[axis] - centre[axis]));
+        for ring in 0..=furthest.max().unwrap_or_default() {
+            if cells.beyond(centre, ring, from) > search.limit {
                 break;
             }
             for dz in -ring..=ring {
-                let gap_z = search.gap(centre, dz, 1);
+                let gap_z = cells.gap(centre[1], dz, 1, from.z);
                 if gap_z > search.limit {
                     continue;
                 }
@@ -148,7 +232,7 @@ impl PointIndex {
                 };
                 let mut dy = -ring;
                 while dy <= ring {
-                    let gap_y = search.gap(centre, dy, 0);
+                    let gap_y = cells.gap(centre[0], dy, 0, from.y);
                     let across = gap_y * gap_y + gap_z * gap_z;
                     search.row([centre[0] + dy, centre[1] + dz], across);
                     dy += step;
@@ -161,29 +245,20 @@ impl PointIndex {
         }
     }
 
-    fn row(&self, [y, z]: [isize; 2]) -> &[Point] {
-        let (y, z) = (y - self.first[0], z - self.first[1]);
-        let (Ok(y), Ok(z)) = (usize::try_from(y), usize::try_from(z)) else {
-            return &[];
-        };
-        if y >= self.size[0] || z >= self.size[1] {
+    fn row(&self, cell: [isize; 2]) -> &[Point] {
+        let Cells { first, last, .. } = self.cells;
+        if (0..2).any(|axis| cell[axis] < first[axis] || cell[axis] > last[axis]) {
             return &[];
         }
-        let row = z * self.size[0] + y;
+        let row = self.cells.row(cell);
         match self.rows.get(row..row + 2) {
-            Some(&[begin, end]) => self
-                .points
-                .get(begin as usize..end as usize)
-                .unwrap_or_default(),
+            Some(&[begin, end]) => {
+                let row = self.points.get(begin as usize..end as usize);
+                row.unwrap_or_default()
+            }
             _ => &[],
         }
     }
-}
-
-/// The cell y and z of a point.
-fn cell(point: DVec3, spacing: DVec3) -> [isize; 2] {
-    // Rounded down, half a cell further on.
-    [point.y / spacing.y, point.z / spacing.z].map(|at| (at + 0.5).floor() as isize)
 }
 
 struct Search<'a> {
@@ -198,28 +273,6 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// How far cells are at least that are `ring` away from `centre`, mm.
-    fn beyond(&self, centre: [isize; 2], ring: isize) -> f64 {
-        if ring == 0 {
-            return 0.0;
-        }
-        [-ring, ring]
-            .map(|away| self.gap(centre, away, 0).min(self.gap(centre, away, 1)))
-            .into_iter()
-            .fold(f64::INFINITY, f64::min)
-    }
-
-    /// How far cells are that are `away` from `centre` along y (0) or z (1), mm.
-    #[inline]
-    fn gap(&self, centre: [isize; 2], away: isize, axis: usize) -> f64 {
-        let (from, spacing) = match axis {
-            0 => (self.from.y, self.on.spacing.y),
-            _ => (self.from.z, self.on.spacing.z),
-        };
-        let middle = (centre[axis] + away) as f64 * spacing;
-        ((middle - from).abs() - 0.5 * spacing).max(0.0)
-    }
-
     #[inline]
     fn row(&mut self, cell: [isize; 2], across: f64) {
         if across > self.limit * self.limit {

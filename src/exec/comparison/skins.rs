@@ -13,7 +13,7 @@ use crate::plan::{Model, Plan};
 use crate::segment::segment;
 use crate::space::Grid;
 use crate::surface::{
-    ComparedSkin, Region, SeenSkin, SemiBoundary, SkinBefore, semi_boundary, skin_difference,
+    ComparedSkin, Region, SeenSkin, SemiBoundary, SkinBefore, semi_boundary_in, skin_difference,
 };
 use crate::volume::{Mask, Sample, Volume};
 
@@ -123,14 +123,8 @@ pub(in crate::exec) fn differences(
 impl Finder {
     fn surface<T: Sample>(&self, volume: &Volume<T>) -> Result<(SemiBoundary, Mask), RunError> {
         let mask = segment(volume, self.skin_hu, self.largest)?;
-        // A voxel around what is kept, so that nothing of it is cut open.
-        let mut around = self.kept;
-        for (axis, last) in volume.grid().dims().iter().map(|n| n - 1).enumerate() {
-            around.first[axis] = around.first[axis].saturating_sub(1);
-            around.last[axis] = (around.last[axis] + 1).min(last);
-        }
-        let surface = semi_boundary(volume, &mask, self.skin_hu, around)?;
-        Ok((surface.only_in(self.kept), mask))
+        let surface = semi_boundary_in(volume, &mask, self.skin_hu, self.kept)?;
+        Ok((surface, mask))
     }
 }
 
