@@ -289,6 +289,7 @@ pub(super) mod tests {
     use super::*;
     use crate::segment::segment;
     use crate::space::Grid;
+    use crate::surface::distance::Nearest;
     use crate::surface::semi_boundary;
     use crate::volume::{Rescale, Volume};
 
@@ -458,5 +459,88 @@ pub(super) mod tests {
         assert!(open(&seen(&one, &before)) < one.0.len() * 2 / 3);
         let found = difference(&one, &other, &before);
         assert!((found.mean_mm - 3.0).abs() < 0.1, "{found:?}");
+    }
+
+    /// As [`SeenSkin::distances`] of all voxels, each looked at for itself by a plain search.
+    fn plain_distances(
+        from: &SeenSkin,
+        to: &SemiBoundary,
+        region: Region,
+    ) -> Vec<(usize, f64, f64)> {
+        let distance = SurfaceDistance::new(to, REACH_MM);
+        let mut found = Vec::new();
+        let (mut last, mut last_row) = (None::<Nearest>, [0; 2]);
+        for (place, voxel, y, z) in from.surface.iter() {
+            if last_row != [y, z] {
+                (last, last_row) = (None, [y, z]);
+            }
+            if !from.seen[place] || !region.contains([voxel.x(), y, z]) {
+                continue;
+            }
+            let twin = to.row(y, z).iter().find(|twin| twin.x() == voxel.x());
+            let point = from.surface.surface_point(voxel, y, z).0;
+            let normal = voxel.normal().as_dvec3();
+            let faces = |normal_there: DVec3| normal_there.dot(normal) > 0.0;
+            let is_near = twin.is_some_and(|&twin| {
+                let there = to.surface_point(twin, y, z).0;
+                let looks_alike = !twin.code().is_cut() && faces(twin.normal().as_dvec3());
+                looks_alike && there.distance(point) <= MOVED_MM
+            });
+            let mm = if twin == Some(&voxel) {
+                0.0
+            } else if is_near && !from.moved[place] {
+                continue;
+            } else {
+                let guess = last.filter(|last| faces(last.normal));
+                let guess = guess.map(|last| Nearest::of(last.point, last.normal, point));
+                last = distance.nearest(point, Some(normal), guess);
+                match &last {
+                    Some(nearest) => distance.sign(point, nearest).abs(),
+                    None => continue,
+                }
+            };
+            if from.moved[place] || mm > MOVED_MM {
+                found.push((place, mm, area(voxel, from.surface.grid().spacing())));
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn distances_are_those_of_a_plain_search() {
+        let bumpy = |height: f64, at: f64| {
+            skin(move |point| {
+                let aside = DVec3::new(point.x - at, 0.0, point.z - 16.0).length();
+                let hole = (point - DVec3::new(12.0, 24.0, 12.0)).length() - 4.0;
+                let bump = height * (1.0 - aside / 9.0).max(0.0);
+                (point.y - 18.0 + bump).min(hole)
+            })
+        };
+        let before = bumpy(0.0, 0.0);
+        let [one, other] = [bumpy(2.0, 11.0), bumpy(5.5, 13.0)].map(|skin| seen(&skin, &before));
+        let region = Region {
+            first: [4, 3, 2],
+            last: [42, 30, 27],
+        };
+        for region in [one.region, region] {
+            for (from, to) in [(&one, &other), (&other, &one)] {
+                let to = ComparedSkin::new(to);
+                let from = ComparedSkin::new(from);
+                let found = from
+                    .skin
+                    .distances(&from.rows, &from.normals, to.searched(), region);
+                let expected = plain_distances(from.skin, &to.skin.surface, region);
+                assert!(found.len() > 300, "{}", found.len());
+                assert_eq!(found, expected);
+            }
+        }
+        let unmoved = SeenSkin {
+            moved: vec![false; one.surface.len()],
+            ..one.clone()
+        };
+        let moved = plain_distances(&unmoved, &before.0, one.region);
+        let moved: Vec<usize> = moved.iter().map(|(place, ..)| *place).collect();
+        let marked = (0..one.moved.len()).filter(|place| one.moved[*place]);
+        assert_eq!(marked.collect::<Vec<_>>(), moved);
     }
 }

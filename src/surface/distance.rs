@@ -93,7 +93,7 @@ impl<'a> SurfaceDistance<'a> {
             .map(|nearest| GridPoint(nearest.point))
     }
 
-    fn sign(&self, point: DVec3, nearest: &Nearest) -> f64 {
+    pub(super) fn sign(&self, point: DVec3, nearest: &Nearest) -> f64 {
         let from = point - nearest.point;
         let along = from.dot(nearest.normal);
         let across = (from.length_squared() - along * along).max(0.0).sqrt();
@@ -113,7 +113,7 @@ impl<'a> SurfaceDistance<'a> {
     /// Rows are visited in square rings around the point's own, until no further ring can hold a nearer
     /// point. Where `facing` is given, points that face away from it do not count. `guess` is a point that counts,
     /// known to be near.
-    fn nearest(
+    pub(super) fn nearest(
         &self,
         from: DVec3,
         facing: Option<DVec3>,

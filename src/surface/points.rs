@@ -321,3 +321,107 @@ impl Search<'_> {
         true
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::SurfaceDistance;
+    use crate::surface::difference::tests::skin;
+
+    /// Evenly spread, from -1 to 1.
+    fn spread(state: &mut u32) -> f64 {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(*state) / f64::from(u32::MAX) * 2.0 - 1.0
+    }
+
+    /// A ball, symmetric about voxels, in which many places are equally far from several points; and a wavy face.
+    fn surfaces() -> [SemiBoundary; 2] {
+        let middle = DVec3::new(12.0, 16.0, 16.5);
+        let ball = skin(|at| 9.0 - (at - middle).length()).0;
+        let wavy = skin(|at| {
+            let wave = libm::sin(at.x * 0.9) + libm::cos(at.z * 0.7);
+            (at.y - 14.0 - 2.0 * wave).min(1.7 * (24.0 - at.y))
+        });
+        [ball, wavy.0]
+    }
+
+    #[test]
+    fn as_near_as_any_point_that_faces_the_same_way() {
+        let mut state = 5;
+        for surface in surfaces() {
+            let index = PointIndex::new(&surface, &normals(&surface));
+            let (mut found_none, mut far) = (0, 0);
+            for number in 0..400 {
+                let mut next = || spread(&mut state);
+                // Also outside the grid, where the outermost cells are.
+                let from = DVec3::new(12.0, 16.0, 16.5) + DVec3::new(next(), next(), next()) * 30.0;
+                let facing = DVec3::new(next(), next(), next()).normalize();
+                let limit = if number % 2 == 0 { 100.0 } else { 6.0 };
+                let squared = surface.iter().filter_map(|(_, voxel, y, z)| {
+                    let faces = voxel.normal().as_dvec3().dot(facing) > 0.0;
+                    let point = surface.surface_point(voxel, y, z).0;
+                    let counts = faces && !voxel.code().is_cut();
+                    counts.then(|| (point - from).length_squared())
+                });
+                let least = squared.fold(f64::INFINITY, f64::min);
+                let least = Some(least).filter(|least| *least <= limit * limit);
+                match index.nearest(from, facing, limit, None) {
+                    Found::One(found) => assert_eq!(found.map(|found| found.squared), least),
+                    Found::Several => panic!("these are in no order"),
+                }
+                found_none += usize::from(least.is_none());
+                far += usize::from(least.is_some_and(|least| least > 100.0));
+            }
+            assert!(found_none > 50 && far > 50, "{found_none}, {far}");
+        }
+    }
+
+    #[test]
+    fn in_order_it_is_what_a_plain_search_finds() {
+        let mut state = 9;
+        for (number, surface) in surfaces().iter().enumerate() {
+            let index = PointIndex::new(surface, &normals(surface));
+            let distance = SurfaceDistance::new(surface, 20.0);
+            let mut facing = distance.facing_in_order(&index);
+            let mut last: Option<Nearest> = None;
+            let (mut ties, mut none) = (0, 0);
+            // Along rows of voxels, as skins are compared, all through the grid.
+            for place in 0..4000_usize {
+                let [x, y, z] = [place % 48, place / 48 % 40, 3 + place / 1920 * 12];
+                let from = DVec3::new(x as f64, y as f64, z as f64) * surface.grid().spacing();
+                let normal = match place / 48 % 3 {
+                    0 => DVec3::NEG_Y,
+                    1 => DVec3::new(0.0, -0.6, 0.8),
+                    _ => DVec3::new(spread(&mut state), -0.5, spread(&mut state)),
+                };
+                let before = last.map(|last| Nearest::of(last.point, last.normal, from));
+                let before = before.filter(|last| last.normal.dot(normal) > 0.0);
+                last = distance.nearest(from, Some(normal), before);
+                let expected = last.map(|nearest| distance.sign(from, &nearest).to_bits());
+                // Sometimes any voxel of the surface is given, too.
+                let near = surface.iter().nth(place * 7 % surface.len());
+                let near = near.filter(|(_, voxel, ..)| place % 5 < 2 && !voxel.code().is_cut());
+                let near = near.map(|(_, voxel, y, z)| {
+                    let point = surface.surface_point(voxel, y, z).0;
+                    (point, voxel.normal().as_dvec3())
+                });
+                let found = facing(from, normal, near);
+                assert_eq!(found.map(f64::to_bits), expected, "{from} {normal}");
+                let found = index.nearest(from, normal, 20.0, None);
+                ties += usize::from(matches!(found, Found::Several));
+                none += usize::from(expected.is_none());
+            }
+            // What is symmetric has ties.
+            assert!(number > 0 || ties > 5, "{ties} ties");
+            assert!(none < 1000, "{none}");
+        }
+    }
+
+    #[test]
+    fn of_no_points_none_is_nearest() {
+        let (empty, _) = skin(|_| -1.0);
+        let index = PointIndex::new(&empty, &normals(&empty));
+        let found = index.nearest(DVec3::splat(5.0), DVec3::X, 60.0, None);
+        assert!(matches!(found, Found::One(None)));
+    }
+}

@@ -191,6 +191,8 @@ fn is_clear(row: &[u64], x: usize, forward: bool) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::surface::difference::tests::skin;
+    use crate::surface::points::normals;
 
     #[test]
     fn a_row_is_clear_where_no_voxel_follows() {
@@ -200,6 +202,47 @@ mod tests {
                 assert_eq!(is_clear(mask.row(0, 0), x, true), x > inside, "{x}");
                 assert_eq!(is_clear(mask.row(0, 0), x, false), x < inside, "{x}");
             }
+        }
+    }
+
+    #[test]
+    fn the_front_changes_nothing_but_the_time() {
+        let hollow = skin(|at| {
+            let outer = 11.0 - (at - DVec3::new(12.0, 18.0, 16.0)).length();
+            let hole = (at - DVec3::new(14.0, 12.0, 10.0)).abs() - DVec3::new(3.0, 9.0, 8.0);
+            outer.min(hole.max_element())
+        });
+        // Pieces all over the grid, so that rays pass by some of them.
+        let pieces = skin(|at| {
+            let wave = |x: f64| libm::sin(1.1 * x);
+            wave(at.x) + wave(at.y + 1.0) * wave(at.z) + 0.3 * wave(0.37 * at.y) - 0.9
+        });
+        for (surface, mask) in [hollow, pieces] {
+            let normals = normals(&surface);
+            let region = Region {
+                first: [3, 2, 4],
+                last: [40, 30, 22],
+            };
+            let found = seen(&surface, &normals, &mask, region);
+            let blind = Front {
+                nx: mask.dims()[0],
+                first: Vec::new(),
+                after: Vec::new(),
+                before: Vec::new(),
+                below: Vec::new(),
+            };
+            let front = Front::new(&mask, region);
+            let (mut clear, mut hidden) = (0, 0);
+            for ((place, voxel, y, z), found) in surface.iter().zip(found) {
+                let is_in = region.contains([voxel.x(), y, z]) && !voxel.code().is_cut();
+                let normal = normals[place].as_dvec3();
+                let plain = is_in && is_seen(&surface, voxel, normal, [y, z], &mask, &blind);
+                assert_eq!(found, plain, "{} {y} {z}", voxel.x());
+                let ahead = [voxel.x(), y.saturating_sub(1), z];
+                clear += usize::from(front.is_clear(DVec3::NEG_Y, ahead));
+                hidden += usize::from(is_in && !plain);
+            }
+            assert!(clear > 50 && hidden > 10, "{clear}, {hidden}");
         }
     }
 }
