@@ -20,21 +20,31 @@ const WORD: usize = u64::BITS as usize;
 /// # Errors
 /// [`VolumeError::Memory`] where the machine has none.
 pub fn keep_largest(mask: &Mask) -> Result<Mask, VolumeError> {
-    let mut kept = Mask::empty(mask.dims())?;
+    let mut kept = mask.clone();
+    retain_largest(&mut kept)?;
+    Ok(kept)
+}
+
+/// Leaves of a mask what [`keep_largest`] gives.
+///
+/// # Errors
+/// As [`keep_largest`].
+pub(super) fn retain_largest(mask: &mut Mask) -> Result<(), VolumeError> {
     let runs = Runs::new(mask)?;
     let components = Components::new(&runs)?;
     let Some(largest) = components.largest() else {
-        return Ok(kept);
+        return Ok(());
     };
-    let ny = mask.dims()[1];
-    kept.par_rows_mut().for_each(|(y, z, row)| {
+    let [_, ny, _] = mask.dims();
+    mask.par_rows_mut().for_each(|(y, z, row)| {
+        // In most rows there is nothing else.
         for run in runs.row(z * ny + y) {
-            if components.first[run] == largest {
-                set(row, runs.runs[run]);
+            if components.first[run] != largest {
+                clear(row, runs.runs[run]);
             }
         }
     });
-    Ok(kept)
+    Ok(())
 }
 
 /// Voxels of every 6-connected component, the largest first.
@@ -52,9 +62,9 @@ pub fn component_sizes(mask: &Mask) -> Result<Vec<usize>, VolumeError> {
 /// Voxels of one row, side by side.
 #[derive(Debug, Clone, Copy)]
 struct Run {
-    begin: usize,
+    begin: u32,
     /// The voxel after the last.
-    end: usize,
+    end: u32,
 }
 
 /// All runs of a mask, in the order of z, y, x.
@@ -73,16 +83,21 @@ impl Runs {
         let count = each_row().map(runs_in).sum();
         let mut runs = room(count)?;
         let mut rows = room(ny * nz + 1)?;
+        // A grid has at most 32767 voxels along an axis.
+        let run = |begin: usize, end: usize| Run {
+            begin: begin as u32,
+            end: end as u32,
+        };
         for row in each_row() {
             rows.push(runs.len());
             let mut begin = None;
             for_each_edge(row, |at| match begin.take() {
                 None => begin = Some(at),
-                Some(begin) => runs.push(Run { begin, end: at }),
+                Some(begin) => runs.push(run(begin, at)),
             });
             // A row of whole words has no padding to end a run.
             if let Some(begin) = begin {
-                runs.push(Run { begin, end: nx });
+                runs.push(run(begin, nx));
             }
         }
         rows.push(runs.len());
@@ -119,13 +134,14 @@ fn runs_in(row: &[u64]) -> usize {
     count
 }
 
-/// Sets the bits of a run.
-fn set(row: &mut [u64], run: Run) {
+/// Clears the bits of a run.
+fn clear(row: &mut [u64], run: Run) {
+    let (begin, end) = (run.begin as usize, run.end as usize);
     for (place, word) in row.iter_mut().enumerate() {
-        let from = run.begin.saturating_sub(place * WORD).min(WORD);
-        let to = run.end.saturating_sub(place * WORD).min(WORD);
+        let from = begin.saturating_sub(place * WORD).min(WORD);
+        let to = end.saturating_sub(place * WORD).min(WORD);
         if from < to {
-            *word |= (u64::MAX >> (WORD - (to - from))) << from;
+            *word &= !((u64::MAX >> (WORD - (to - from))) << from);
         }
     }
 }
@@ -133,7 +149,7 @@ fn set(row: &mut [u64], run: Run) {
 /// Which component each run belongs to.
 struct Components {
     /// For each run the first one of its component.
-    first: Vec<usize>,
+    first: Vec<u32>,
     /// For each run that is the first of its component, the voxels of that; 0 for others.
     voxels: Vec<usize>,
 }
@@ -142,10 +158,12 @@ impl Components {
     fn new(runs: &Runs) -> Result<Self, VolumeError> {
         let [_, ny, nz] = runs.dims;
         let count = runs.runs.len();
+        // That many have no room in any memory.
+        let last = u32::try_from(count).map_err(|_| no_room::<Run>(count))?;
         let mut sets = Sets {
             parent: room(count)?,
         };
-        sets.parent.extend(0..count);
+        sets.parent.extend(0..last);
         for row in 0..ny * nz {
             if row % ny > 0 {
                 sets.join_touching(&runs.runs, runs.row(row), runs.row(row - 1));
@@ -159,40 +177,49 @@ impl Components {
         voxels.resize(count, 0);
         for (place, run) in runs.runs.iter().enumerate() {
             // A parent comes before its runs, so its own is already the root.
-            let root = first[first[place]];
+            let root = first[first[place] as usize];
             first[place] = root;
-            voxels[root] += run.end - run.begin;
+            voxels[root as usize] += (run.end - run.begin) as usize;
         }
         Ok(Self { first, voxels })
     }
 
     /// The first run of the largest component, and of those the first.
-    fn largest(&self) -> Option<usize> {
-        let sizes = self.voxels.iter().enumerate();
-        let largest = sizes.rev().max_by_key(|&(_, &voxels)| voxels);
-        largest.map(|(place, _)| place)
+    fn largest(&self) -> Option<u32> {
+        let mut largest = None;
+        let mut most = 0;
+        for (place, &voxels) in (0..).zip(&self.voxels) {
+            if voxels > most {
+                (largest, most) = (Some(place), voxels);
+            }
+        }
+        largest
     }
 }
 
 /// Sets of runs. Each run points to one before it in its set; the first points to itself.
 struct Sets {
-    parent: Vec<usize>,
+    parent: Vec<u32>,
 }
 
 impl Sets {
     /// The first run of the set. Paths are halved on the way.
-    fn root(&mut self, mut run: usize) -> usize {
-        while self.parent[run] != run {
-            let above = self.parent[self.parent[run]];
-            self.parent[run] = above;
+    fn root(&mut self, mut run: u32) -> u32 {
+        loop {
+            let parent = self.parent[run as usize];
+            if parent == run {
+                return run;
+            }
+            let above = self.parent[parent as usize];
+            self.parent[run as usize] = above;
             run = above;
         }
-        run
     }
 
     fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.parent[a.max(b)] = a.min(b);
+        // They have places as runs are counted.
+        let (a, b) = (self.root(a as u32), self.root(b as u32));
+        self.parent[a.max(b) as usize] = a.min(b);
     }
 
     /// Joins the runs of two neighbouring rows that share an x.
@@ -215,12 +242,15 @@ impl Sets {
 /// An empty list with room for `len`, or an error where the machine has no memory for it.
 fn room<T>(len: usize) -> Result<Vec<T>, VolumeError> {
     let mut list = Vec::new();
-    list.try_reserve_exact(len)
-        .map_err(|_| VolumeError::Memory {
-            voxels: len,
-            bytes_per_voxel: size_of::<T>(),
-        })?;
+    list.try_reserve_exact(len).map_err(|_| no_room::<T>(len))?;
     Ok(list)
+}
+
+fn no_room<T>(len: usize) -> VolumeError {
+    VolumeError::Memory {
+        voxels: len,
+        bytes_per_voxel: size_of::<T>(),
+    }
 }
 
 #[cfg(test)]

@@ -26,12 +26,11 @@ pub fn segment<T: Sample>(
     threshold_hu: f64,
     largest: bool,
 ) -> Result<Mask, VolumeError> {
-    let object = above(volume, threshold_hu)?;
+    let mut object = above(volume, threshold_hu)?;
     if largest {
-        keep_largest(&object)
-    } else {
-        Ok(object)
+        components::retain_largest(&mut object)?;
     }
+    Ok(object)
 }
 
 #[cfg(test)]

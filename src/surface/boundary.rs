@@ -176,31 +176,6 @@ impl SemiBoundary {
         self.region
     }
 
-    /// The boundary voxels in `region` alone, as they are: nothing is cut open.
-    pub fn only_in(&self, region: Region) -> Self {
-        let [_, ny, nz] = self.grid.dims();
-        let [first, last] = [region.first, region.last];
-        let mut rows = Vec::with_capacity(self.rows.len());
-        let mut voxels = Vec::new();
-        rows.push(0);
-        for row in 0..ny * nz {
-            let (y, z) = (row % ny, row / ny);
-            if first[1] <= y && y <= last[1] && first[2] <= z && z <= last[2] {
-                let all = self.row(y, z).iter();
-                voxels.extend(all.filter(|voxel| first[0] <= voxel.x() && voxel.x() <= last[0]));
-            }
-            // No more than there were, which an index of this type counted.
-            rows.push(voxels.len() as u32);
-        }
-        voxels.shrink_to_fit();
-        Self {
-            grid: self.grid.clone(),
-            region: self.region,
-            rows,
-            voxels,
-        }
-    }
-
     /// All boundary voxels, row by row: z slowest, x fastest.
     pub fn voxels(&self) -> &[BoundaryVoxel] {
         &self.voxels
@@ -235,6 +210,14 @@ impl SemiBoundary {
         self.voxels.get(self.row_range(y, z)).unwrap_or_default()
     }
 
+    /// The rows, y and z, that have voxels: a surface that is held only around the nose has few.
+    pub(super) fn rows_with_voxels(&self) -> impl Iterator<Item = [usize; 2]> + '_ {
+        let [_, ny, _] = self.grid.dims();
+        let rows = self.rows.windows(2).enumerate();
+        let rows = rows.filter(|(_, ends)| ends.first() < ends.last());
+        rows.map(move |(row, _)| [row % ny, row / ny])
+    }
+
     /// The voxel index (x, y, z) of a boundary voxel, by its place in [`SemiBoundary::voxels`].
     pub fn index(&self, place: usize) -> Option<[usize; 3]> {
         let voxel = self.voxels.get(place)?;
@@ -260,9 +243,14 @@ impl SemiBoundary {
     /// The point of the surface that a boundary voxel stands for: its centre, moved along the normal to
     /// where the threshold is crossed.
     pub fn surface_point(&self, voxel: BoundaryVoxel, y: usize, z: usize) -> GridPoint {
-        let centre = DVec3::new(voxel.x() as f64, y as f64, z as f64) * self.grid.spacing();
-        let offset = f64::from(voxel.offset) * self.offset_step();
-        GridPoint(centre + voxel.normal().as_dvec3() * offset)
+        self.point_of([voxel.x(), y, z], voxel.offset, voxel.normal().as_dvec3())
+    }
+
+    /// The same, from the parts of a voxel.
+    #[inline]
+    pub(super) fn point_of(&self, index: [usize; 3], offset: i8, normal: DVec3) -> GridPoint {
+        let (spacing, step) = (self.grid.spacing(), self.offset_step());
+        GridPoint(surface_point(index, offset, normal, spacing, step))
     }
 
     /// Every boundary voxel with its place, y and z, in the order of [`SemiBoundary::voxels`].
@@ -292,4 +280,17 @@ impl SemiBoundary {
 
 pub(super) fn offset_step(grid: &Grid) -> f64 {
     grid.spacing().max_element() / 100.0
+}
+
+/// The surface point of a voxel.
+#[inline]
+pub(super) fn surface_point(
+    index: [usize; 3],
+    offset: i8,
+    normal: DVec3,
+    spacing: DVec3,
+    offset_step: f64,
+) -> DVec3 {
+    let centre = DVec3::from(index.map(|at| at as f64)) * spacing;
+    centre + normal * (f64::from(offset) * offset_step)
 }

@@ -76,6 +76,32 @@ pub fn semi_boundary<T: Sample>(
     threshold_hu: f64,
     region: Region,
 ) -> Result<SemiBoundary, SurfaceError> {
+    build(volume, mask, threshold_hu, region, region)
+}
+
+/// The part in `region` of the semi-boundary of all of the object `mask`: as [`semi_boundary`], but nothing is cut open
+/// where the region ends.
+///
+/// # Errors
+/// As [`semi_boundary`].
+pub fn semi_boundary_in<T: Sample>(
+    volume: &Volume<T>,
+    mask: &Mask,
+    threshold_hu: f64,
+    region: Region,
+) -> Result<SemiBoundary, SurfaceError> {
+    let whole = Region::whole(volume.grid());
+    build(volume, mask, threshold_hu, whole, region)
+}
+
+/// The voxels in `kept` of the semi-boundary of what `region` leaves of the object.
+fn build<T: Sample>(
+    volume: &Volume<T>,
+    mask: &Mask,
+    threshold_hu: f64,
+    region: Region,
+    kept: Region,
+) -> Result<SemiBoundary, SurfaceError> {
     let grid = volume.grid();
     let [_, ny, nz] = grid.dims();
     if mask.dims() != grid.dims() {
@@ -91,7 +117,7 @@ pub fn semi_boundary<T: Sample>(
         offset_step: offset_step(grid),
         mask,
     };
-    let region = region.within(grid);
+    let region = region.within(grid).zip(kept.within(grid));
     let planes: Vec<Plane> = (0..nz)
         .into_par_iter()
         .map(|z| builder.plane(z, region))
@@ -113,7 +139,7 @@ pub fn semi_boundary<T: Sample>(
     rows.push(total as u32);
     Ok(SemiBoundary {
         grid: grid.clone(),
-        region: region.unwrap_or(Region::whole(grid)),
+        region: region.map_or(Region::whole(grid), |(_, kept)| kept),
         rows,
         voxels,
     })
@@ -141,7 +167,7 @@ struct Builder<'a, T> {
 }
 
 impl<T: Sample> Builder<'_, T> {
-    fn plane(&self, z: usize, region: Option<Region>) -> Plane {
+    fn plane(&self, z: usize, region: Option<(Region, Region)>) -> Plane {
         let [_, ny, _] = self.mask.dims();
         let mut plane = Plane {
             rows: Vec::with_capacity(ny),
@@ -149,18 +175,18 @@ impl<T: Sample> Builder<'_, T> {
         };
         for y in 0..ny {
             plane.rows.push(plane.voxels.len() as u32);
-            if let Some(region) = region
-                && (region.first[1]..=region.last[1]).contains(&y)
-                && (region.first[2]..=region.last[2]).contains(&z)
+            if let Some((region, kept)) = region
+                && (kept.first[1]..=kept.last[1]).contains(&y)
+                && (kept.first[2]..=kept.last[2]).contains(&z)
             {
-                self.row(y, z, region, &mut plane.voxels);
+                self.row(y, z, region, kept, &mut plane.voxels);
             }
         }
         plane
     }
 
-    /// The boundary voxels of one row: words of 64 voxels are compared with their neighbours at once.
-    fn row(&self, y: usize, z: usize, region: Region, to: &mut Vec<BoundaryVoxel>) {
+    /// The boundary voxels of one row, those in `kept`: words of 64 voxels are compared with their neighbours at once.
+    fn row(&self, y: usize, z: usize, region: Region, kept: Region, to: &mut Vec<BoundaryVoxel>) {
         let row = self.mask.row(y, z);
         if row.iter().all(|&word| word == 0) {
             return;
@@ -176,7 +202,7 @@ impl<T: Sample> Builder<'_, T> {
             neighbour(z == region.last[2], y, z + 1),
         ];
         for place in 0..row.len() {
-            let here = inside_word(row, place, region);
+            let here = inside_word(row, place, kept);
             if here == 0 {
                 continue;
             }
@@ -190,8 +216,9 @@ impl<T: Sample> Builder<'_, T> {
                 0
             };
             let mut exposed = [0_u64; 6];
-            exposed[0] = here & !(here << 1 | before >> 63);
-            exposed[1] = here & !(here >> 1 | after << 63);
+            let object = inside_word(row, place, region);
+            exposed[0] = here & !(object << 1 | before >> 63);
+            exposed[1] = here & !(object >> 1 | after << 63);
             for (face, row) in exposed[2..].iter_mut().zip(beside) {
                 *face = here & !row.map_or(0, |row| row[place]);
             }

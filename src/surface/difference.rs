@@ -1,11 +1,13 @@
 //! How far two skins are apart, as one number a pair: mean, 95th percentile, largest.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::boundary::{BoundaryVoxel, SemiBoundary};
 use super::build::Region;
 use super::distance::SurfaceDistance;
+use super::points::{PointIndex, normals};
+use super::sight::seen;
 use crate::volume::Mask;
 
 /// How far another skin is looked for, mm.
@@ -15,17 +17,8 @@ const REACH_MM: f64 = 60.0;
 /// without such an end micrometres at the rim would make up most of the area.
 pub const MOVED_MM: f64 = 0.1;
 
-/// From where skin is looked at, towards the viewer in the grid's axes: the six views of clinical photography
-/// (from the front, from either side, from between them, and from 60° below).
-const VIEWS: [DVec3; 6] = [
-    DVec3::NEG_Y,
-    DVec3::new(H, -H, 0.0),
-    DVec3::new(-H, -H, 0.0),
-    DVec3::X,
-    DVec3::NEG_X,
-    DVec3::new(0.0, -0.5, -0.866_025_403_784_438_6),
-];
-const H: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// Rows that are looked at in one piece of work.
+const ROWS_AT_ONCE: usize = 512;
 
 /// A skin, and which of its voxels are looked at.
 #[derive(Debug, Clone)]
@@ -52,12 +45,89 @@ pub struct SkinDifference {
     pub area_mm2: f64,
 }
 
+/// The skin that others are made of: what they are held against to tell what moved.
+#[derive(Debug, Clone)]
+pub struct SkinBefore {
+    surface: SemiBoundary,
+    normals: Vec<Vec3>,
+    points: PointIndex,
+}
+
+impl SkinBefore {
+    /// That of `surface`.
+    pub fn new(surface: SemiBoundary) -> Self {
+        let normals = normals(&surface);
+        Self {
+            points: PointIndex::new(&surface, &normals),
+            normals,
+            surface,
+        }
+    }
+
+    fn searched(&self) -> Searched<'_> {
+        Searched {
+            surface: &self.surface,
+            normals: &self.normals,
+            points: &self.points,
+        }
+    }
+}
+
+/// A skin with what every comparison of it with another one needs.
+#[derive(Debug, Clone)]
+pub struct ComparedSkin<'a> {
+    skin: &'a SeenSkin,
+    normals: Vec<Vec3>,
+    points: PointIndex,
+    rows: Vec<SeenRow>,
+}
+
+/// A surface that the points of another one are held against.
+#[derive(Debug, Clone, Copy)]
+struct Searched<'a> {
+    surface: &'a SemiBoundary,
+    /// Of its voxels.
+    normals: &'a [Vec3],
+    points: &'a PointIndex,
+}
+
+/// A row along x in which at least one voxel is seen.
+#[derive(Debug, Clone, Copy)]
+struct SeenRow {
+    y: usize,
+    z: usize,
+    /// Whether one of them moved.
+    moved: bool,
+}
+
+impl<'a> ComparedSkin<'a> {
+    /// Of `skin`.
+    pub fn new(skin: &'a SeenSkin) -> Self {
+        let normals = normals(&skin.surface);
+        Self {
+            skin,
+            points: PointIndex::new(&skin.surface, &normals),
+            normals,
+            rows: skin.seen_rows(),
+        }
+    }
+
+    fn searched(&self) -> Searched<'_> {
+        Searched {
+            surface: &self.skin.surface,
+            normals: &self.normals,
+            points: &self.points,
+        }
+    }
+}
+
 impl SeenSkin {
     /// The skin `surface` of the object `mask`, of which the voxels in `region` are compared that at least one of
     /// six views from outside sees: the walls of the airways are no skin that a surgeon looks at. `before` is the
     /// skin that it was made of, on the same grid.
-    pub fn new(surface: SemiBoundary, mask: &Mask, region: Region, before: &SemiBoundary) -> Self {
-        let seen = Self::seen(&surface, mask, region);
+    pub fn new(surface: SemiBoundary, mask: &Mask, region: Region, before: &SkinBefore) -> Self {
+        let normals = normals(&surface);
+        let seen = seen(&surface, &normals, mask, region);
         let mut skin = Self {
             moved: vec![false; surface.len()],
             surface,
@@ -65,7 +135,8 @@ impl SeenSkin {
             seen,
         };
         // As long as nothing is known to have moved, that is all that did.
-        for (place, _, _) in skin.distances(before, region) {
+        let rows = skin.seen_rows();
+        for (place, _, _) in skin.distances(&rows, &normals, before.searched(), region) {
             if let Some(moved) = skin.moved.get_mut(place) {
                 *moved = true;
             }
@@ -73,67 +144,101 @@ impl SeenSkin {
         skin
     }
 
-    fn seen(surface: &SemiBoundary, mask: &Mask, region: Region) -> Vec<bool> {
-        let rows = rows_with_voxels(surface).into_par_iter().map(|[y, z]| {
-            let voxels = surface.row(y, z).iter();
-            let seen = voxels.map(|&voxel| {
-                region.contains([voxel.x(), y, z])
-                    && !voxel.code().is_cut()
-                    && is_seen(surface, voxel, [y, z], mask)
-            });
-            seen.collect::<Vec<bool>>()
+    fn seen_rows(&self) -> Vec<SeenRow> {
+        let rows = self.surface.rows_with_voxels().filter_map(|[y, z]| {
+            let places = self.surface.row_range(y, z);
+            let seen = self.seen.get(places.clone())?.iter();
+            let mut row = None;
+            for (_, &moved) in seen.zip(self.moved.get(places)?).filter(|(seen, _)| **seen) {
+                let row: &mut SeenRow = row.get_or_insert(SeenRow { y, z, moved });
+                row.moved |= moved;
+            }
+            row
         });
-        rows.collect::<Vec<_>>().concat()
+        rows.collect()
     }
 
     /// Of every voxel that is compared within `region` its place, the distance to `to`, mm, and its area, mm²; all that
-    /// moved, or are not where `to` is.
-    fn distances(&self, to: &SemiBoundary, region: Region) -> Vec<(usize, f64, f64)> {
-        let spacing = self.surface.grid().spacing();
-        let distance = SurfaceDistance::new(to, REACH_MM);
-        let rows = rows_with_voxels(&self.surface);
-        let rows = rows.into_par_iter().map(|[y, z]| {
-            let there = to.row(y, z);
-            let places = self.surface.row_range(y, z);
-            let voxels = places.zip(self.surface.row(y, z));
-            let mut facing = distance.facing_in_order();
-            let compared = voxels.filter_map(|(place, &voxel)| {
-                if !*self.seen.get(place)? || !region.contains([voxel.x(), y, z]) {
-                    return None;
-                }
-                let moved = *self.moved.get(place)?;
-                let twin = at(there, voxel.x());
-                let mm = if twin == Some(voxel) {
-                    0.0
-                } else {
-                    let point = self.surface.surface_point(voxel, y, z);
-                    let normal = voxel.normal().as_dvec3();
-                    // The same voxel of the other skin bounds the distance: it is most of what does not count.
-                    let is_near = |twin: BoundaryVoxel| {
-                        !twin.code().is_cut()
-                            && twin.normal().as_dvec3().dot(normal) > 0.0
-                            && to.surface_point(twin, y, z).0.distance(point.0) <= MOVED_MM
-                    };
-                    if !moved && twin.is_some_and(is_near) {
-                        return None;
-                    }
-                    facing(point, normal)?.abs()
-                };
-                let counts = moved || mm > MOVED_MM;
-                counts.then(|| (place, mm, area(voxel, spacing)))
-            });
-            compared.collect::<Vec<_>>()
+    /// moved, or are not where `to` is. `rows` are those in which voxels are seen, `normals` those of all voxels.
+    fn distances(
+        &self,
+        rows: &[SeenRow],
+        normals: &[Vec3],
+        to: Searched<'_>,
+        region: Region,
+    ) -> Vec<(usize, f64, f64)> {
+        let some = rows.par_chunks(ROWS_AT_ONCE).map(|rows| {
+            let mut found = Vec::new();
+            for row in rows {
+                self.distances_of_row(row, normals, to, region, &mut found);
+            }
+            found
         });
-        rows.collect::<Vec<_>>().concat()
+        some.collect::<Vec<_>>().concat()
+    }
+
+    fn distances_of_row(
+        &self,
+        &SeenRow { y, z, moved }: &SeenRow,
+        normals: &[Vec3],
+        to: Searched<'_>,
+        region: Region,
+        found: &mut Vec<(usize, f64, f64)>,
+    ) {
+        let (here, there) = (self.surface.row(y, z), to.surface.row(y, z));
+        if !region.contains([region.first[0], y, z]) || (!moved && here == there) {
+            return;
+        }
+        let spacing = self.surface.grid().spacing();
+        let distance = SurfaceDistance::new(to.surface, REACH_MM);
+        let mut facing = distance.facing_in_order(to.points);
+        // Both rows are in order of x.
+        let mut twins = to.surface.row_range(y, z).zip(there).peekable();
+        for (place, &voxel) in self.surface.row_range(y, z).zip(here) {
+            if !is_set(&self.seen, place) || !region.contains([voxel.x(), y, z]) {
+                continue;
+            }
+            while twins.next_if(|(_, twin)| twin.x() < voxel.x()).is_some() {}
+            let twin = twins.peek().filter(|(_, twin)| twin.x() == voxel.x());
+            let moved = is_set(&self.moved, place);
+            let mm = if twin.is_some_and(|(_, twin)| **twin == voxel) {
+                if !moved {
+                    continue;
+                }
+                0.0
+            } else {
+                let Some(normal) = normals.get(place).map(|normal| normal.as_dvec3()) else {
+                    continue;
+                };
+                let index = [voxel.x(), y, z];
+                let point = self.surface.point_of(index, voxel.offset, normal).0;
+                // The same voxel of the other skin bounds the distance: it is most of what does not count.
+                let twin = twin.filter(|(_, twin)| !twin.code().is_cut());
+                let twin = twin.and_then(|&(place, twin)| {
+                    let normal = to.normals.get(place)?.as_dvec3();
+                    let point = to.surface.point_of(index, twin.offset, normal).0;
+                    Some((point, normal))
+                });
+                let is_near = |(at, facing): (DVec3, DVec3)| {
+                    facing.dot(normal) > 0.0 && at.distance(point) <= MOVED_MM
+                };
+                if !moved && twin.is_some_and(is_near) {
+                    continue;
+                }
+                match facing(point, normal, twin) {
+                    Some(mm) => mm.abs(),
+                    None => continue,
+                }
+            };
+            if moved || mm > MOVED_MM {
+                found.push((place, mm, area(voxel, spacing)));
+            }
+        }
     }
 }
 
-/// The rows, y and z, that have voxels: a skin that is held only around the nose has few.
-fn rows_with_voxels(surface: &SemiBoundary) -> Vec<[usize; 2]> {
-    let [_, ny, nz] = surface.grid().dims();
-    let rows = (0..ny * nz).map(|row| [row % ny, row / ny]);
-    rows.filter(|[y, z]| !surface.row_range(*y, *z).is_empty())
-        .collect()
+fn is_set(flags: &[bool], place: usize) -> bool {
+    flags.get(place).copied().unwrap_or_default()
 }
 
 /// How far two skins of one grid are apart where at least one of them moved by more than [`MOVED_MM`], in both
@@ -143,13 +248,15 @@ fn rows_with_voxels(surface: &SemiBoundary) -> Vec<[usize; 2]> {
 /// that neither the far side of a thin wall nor an airway behind it is taken for the skin. Where both
 /// skins are as before nothing is compared: no mean is made small by a face that does not change. Skins that were found
 /// in different regions are compared where the regions overlap.
-pub fn skin_difference(one: &SeenSkin, other: &SeenSkin) -> SkinDifference {
-    let mut all: Vec<(f64, f64)> = Vec::new();
-    let region = one.region.and(&other.region);
-    for (from, to) in [(one, other), (other, one)] {
-        let distances = from.distances(&to.surface, region).into_iter();
-        all.extend(distances.map(|(_, mm, area)| (mm, area)));
-    }
+pub fn skin_difference(one: &ComparedSkin<'_>, other: &ComparedSkin<'_>) -> SkinDifference {
+    let region = one.skin.region.and(&other.skin.region);
+    let distances = |from: &ComparedSkin<'_>, to: &ComparedSkin<'_>| {
+        from.skin
+            .distances(&from.rows, &from.normals, to.searched(), region)
+    };
+    let (there, back) = rayon::join(|| distances(one, other), || distances(other, one));
+    let mut all: Vec<(f64, f64)> = Vec::with_capacity(there.len() + back.len());
+    all.extend(there.iter().chain(&back).map(|&(_, mm, area)| (mm, area)));
     // Stable: what is equally far apart stays in the order of the voxels, for any number of threads.
     all.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let total: f64 = all.iter().map(|(_, area)| area).sum();
@@ -168,61 +275,11 @@ pub fn skin_difference(one: &SeenSkin, other: &SeenSkin) -> SkinDifference {
     }
 }
 
-fn at(row: &[BoundaryVoxel], x: usize) -> Option<BoundaryVoxel> {
-    let place = row.binary_search_by_key(&x, |voxel| voxel.x()).ok()?;
-    row.get(place).copied()
-}
-
 /// The area of the surface that a boundary voxel stands for, mm². A plane has one boundary voxel for each
 /// column of voxels along the axis that it crosses in the fewest voxels.
 fn area(voxel: BoundaryVoxel, spacing: DVec3) -> f64 {
     let normal = voxel.normal().as_dvec3().abs();
     spacing.element_product() / (normal * spacing).max_element()
-}
-
-/// Whether one of [`VIEWS`] sees the voxel past everything else of the object.
-fn is_seen(surface: &SemiBoundary, voxel: BoundaryVoxel, [y, z]: [usize; 2], mask: &Mask) -> bool {
-    let spacing = surface.grid().spacing();
-    let [nx, ny, nz] = surface.grid().dims();
-    let normal = voxel.normal().as_dvec3();
-    // Clear of the surface itself, whose voxels stand out by up to one.
-    let from = surface.surface_point(voxel, y, z).0 + normal * (1.5 * spacing.max_element());
-    VIEWS.iter().any(|&view| {
-        // Voxels and half a voxel, so that the whole part is the nearest.
-        let mut at = from / spacing + 0.5;
-        let step = view * spacing.min_element() / spacing;
-        normal.dot(view) > 0.0
-            && loop {
-                // Straight along a row no voxel is passed over: the row is looked at as a whole.
-                let along_row = view.y == 0.0 && view.z == 0.0;
-                if !(at.x >= 0.0 && at.y >= 0.0 && at.z >= 0.0) {
-                    break true;
-                }
-                // Truncated.
-                let (x, y, z) = (at.x as usize, at.y as usize, at.z as usize);
-                if x >= nx || y >= ny || z >= nz {
-                    break true;
-                }
-                if along_row {
-                    break is_clear(mask.row(y, z), x, view.x > 0.0);
-                }
-                if mask.contains(x, y, z) {
-                    break false;
-                }
-                at += step;
-            }
-    })
-}
-
-/// Whether a row of a mask has no voxel from `x` on, forward or back.
-fn is_clear(row: &[u64], x: usize, forward: bool) -> bool {
-    let (place, bit) = (x / 64, x % 64);
-    let here = row.get(place).copied().unwrap_or_default();
-    let (here, beyond) = match forward {
-        true => (here >> bit, row.get(place + 1..)),
-        false => (here << (63 - bit), row.get(..place)),
-    };
-    here == 0 && beyond.unwrap_or_default().iter().all(|&word| word == 0)
 }
 
 #[cfg(test)]
@@ -232,6 +289,7 @@ pub(super) mod tests {
     use super::*;
     use crate::segment::segment;
     use crate::space::Grid;
+    use crate::surface::distance::Nearest;
     use crate::surface::semi_boundary;
     use crate::volume::{Rescale, Volume};
 
@@ -256,8 +314,15 @@ pub(super) mod tests {
         (surface, mask): &(SemiBoundary, Mask),
         before: &(SemiBoundary, Mask),
     ) -> SeenSkin {
-        let whole = Region::whole(surface.grid());
-        SeenSkin::new(surface.clone(), mask, whole, &before.0)
+        let (whole, before) = (
+            Region::whole(surface.grid()),
+            SkinBefore::new(before.0.clone()),
+        );
+        SeenSkin::new(surface.clone(), mask, whole, &before)
+    }
+
+    pub(in crate::surface) fn between(one: &SeenSkin, other: &SeenSkin) -> SkinDifference {
+        skin_difference(&ComparedSkin::new(one), &ComparedSkin::new(other))
     }
 
     fn difference(
@@ -265,18 +330,7 @@ pub(super) mod tests {
         other: &(SemiBoundary, Mask),
         before: &(SemiBoundary, Mask),
     ) -> SkinDifference {
-        skin_difference(&seen(one, before), &seen(other, before))
-    }
-
-    #[test]
-    fn a_row_is_clear_where_no_voxel_follows() {
-        for inside in [0, 5, 63, 64, 100, 129] {
-            let mask = Mask::from_fn([130, 1, 1], |x, _, _| x == inside).unwrap();
-            for x in 0..130 {
-                assert_eq!(is_clear(mask.row(0, 0), x, true), x > inside, "{x}");
-                assert_eq!(is_clear(mask.row(0, 0), x, false), x < inside, "{x}");
-            }
-        }
+        between(&seen(one, before), &seen(other, before))
     }
 
     #[test]
@@ -284,22 +338,27 @@ pub(super) mod tests {
         let ball = |radius: f64| skin(|at| radius - (at - DVec3::new(12.0, 16.0, 16.0)).length());
         let (before, one, other) = (ball(9.0), ball(10.0), ball(10.5));
         let in_region = |(surface, mask): &(SemiBoundary, Mask), first, last| {
-            SeenSkin::new(surface.clone(), mask, Region { first, last }, &before.0)
+            SeenSkin::new(
+                surface.clone(),
+                mask,
+                Region { first, last },
+                &SkinBefore::new(before.0.clone()),
+            )
         };
-        let found = skin_difference(
+        let found = between(
             &in_region(&one, [0, 0, 10], [30, 39, 29]),
             &in_region(&other, [20, 0, 0], [47, 39, 25]),
         );
         let both = ([20, 0, 10], [30, 39, 25]);
-        let expected = skin_difference(
+        let expected = between(
             &in_region(&one, both.0, both.1),
             &in_region(&other, both.0, both.1),
         );
         assert!(expected.area_mm2 > 10.0, "{expected:?}");
         assert_eq!(found, expected);
-        let whole = skin_difference(&seen(&one, &before), &seen(&other, &before));
+        let whole = between(&seen(&one, &before), &seen(&other, &before));
         assert!(whole.area_mm2 > 2.0 * found.area_mm2, "{whole:?}");
-        let apart = skin_difference(
+        let apart = between(
             &in_region(&one, [0; 3], [10, 39, 29]),
             &in_region(&other, [11, 0, 0], [47, 39, 29]),
         );
@@ -400,5 +459,88 @@ pub(super) mod tests {
         assert!(open(&seen(&one, &before)) < one.0.len() * 2 / 3);
         let found = difference(&one, &other, &before);
         assert!((found.mean_mm - 3.0).abs() < 0.1, "{found:?}");
+    }
+
+    /// As [`SeenSkin::distances`] of all voxels, each looked at for itself by a plain search.
+    fn plain_distances(
+        from: &SeenSkin,
+        to: &SemiBoundary,
+        region: Region,
+    ) -> Vec<(usize, f64, f64)> {
+        let distance = SurfaceDistance::new(to, REACH_MM);
+        let mut found = Vec::new();
+        let (mut last, mut last_row) = (None::<Nearest>, [0; 2]);
+        for (place, voxel, y, z) in from.surface.iter() {
+            if last_row != [y, z] {
+                (last, last_row) = (None, [y, z]);
+            }
+            if !from.seen[place] || !region.contains([voxel.x(), y, z]) {
+                continue;
+            }
+            let twin = to.row(y, z).iter().find(|twin| twin.x() == voxel.x());
+            let point = from.surface.surface_point(voxel, y, z).0;
+            let normal = voxel.normal().as_dvec3();
+            let faces = |normal_there: DVec3| normal_there.dot(normal) > 0.0;
+            let is_near = twin.is_some_and(|&twin| {
+                let there = to.surface_point(twin, y, z).0;
+                let looks_alike = !twin.code().is_cut() && faces(twin.normal().as_dvec3());
+                looks_alike && there.distance(point) <= MOVED_MM
+            });
+            let mm = if twin == Some(&voxel) {
+                0.0
+            } else if is_near && !from.moved[place] {
+                continue;
+            } else {
+                let guess = last.filter(|last| faces(last.normal));
+                let guess = guess.map(|last| Nearest::of(last.point, last.normal, point));
+                last = distance.nearest(point, Some(normal), guess);
+                match &last {
+                    Some(nearest) => distance.sign(point, nearest).abs(),
+                    None => continue,
+                }
+            };
+            if from.moved[place] || mm > MOVED_MM {
+                found.push((place, mm, area(voxel, from.surface.grid().spacing())));
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn distances_are_those_of_a_plain_search() {
+        let bumpy = |height: f64, at: f64| {
+            skin(move |point| {
+                let aside = DVec3::new(point.x - at, 0.0, point.z - 16.0).length();
+                let hole = (point - DVec3::new(12.0, 24.0, 12.0)).length() - 4.0;
+                let bump = height * (1.0 - aside / 9.0).max(0.0);
+                (point.y - 18.0 + bump).min(hole)
+            })
+        };
+        let before = bumpy(0.0, 0.0);
+        let [one, other] = [bumpy(2.0, 11.0), bumpy(5.5, 13.0)].map(|skin| seen(&skin, &before));
+        let region = Region {
+            first: [4, 3, 2],
+            last: [42, 30, 27],
+        };
+        for region in [one.region, region] {
+            for (from, to) in [(&one, &other), (&other, &one)] {
+                let to = ComparedSkin::new(to);
+                let from = ComparedSkin::new(from);
+                let found = from
+                    .skin
+                    .distances(&from.rows, &from.normals, to.searched(), region);
+                let expected = plain_distances(from.skin, &to.skin.surface, region);
+                assert!(found.len() > 300, "{}", found.len());
+                assert_eq!(found, expected);
+            }
+        }
+        let unmoved = SeenSkin {
+            moved: vec![false; one.surface.len()],
+            ..one.clone()
+        };
+        let moved = plain_distances(&unmoved, &before.0, one.region);
+        let moved: Vec<usize> = moved.iter().map(|(place, ..)| *place).collect();
+        let marked = (0..one.moved.len()).filter(|place| one.moved[*place]);
+        assert_eq!(marked.collect::<Vec<_>>(), moved);
     }
 }

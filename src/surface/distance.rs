@@ -3,7 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::boundary::{BoundaryVoxel, SemiBoundary};
+use super::boundary::{BoundaryVoxel, SemiBoundary, surface_point};
+use super::points::{Found, PointIndex};
 use crate::space::GridPoint;
 
 /// Looks up the nearest point of a surface.
@@ -20,10 +21,21 @@ pub struct SurfaceDistance<'a> {
 
 /// A point of a surface, with its squared distance.
 #[derive(Debug, Clone, Copy)]
-struct Nearest {
-    point: DVec3,
-    normal: DVec3,
-    squared: f64,
+pub(super) struct Nearest {
+    pub(super) point: DVec3,
+    pub(super) normal: DVec3,
+    pub(super) squared: f64,
+}
+
+impl Nearest {
+    #[inline]
+    pub(super) fn of(point: DVec3, normal: DVec3, from: DVec3) -> Self {
+        Self {
+            point,
+            normal,
+            squared: (point - from).length_squared(),
+        }
+    }
 }
 
 impl<'a> SurfaceDistance<'a> {
@@ -40,17 +52,28 @@ impl<'a> SurfaceDistance<'a> {
     }
 
     /// As [`SurfaceDistance::signed`], to the nearest surface point whose normal is less than 90° from the one given;
-    /// for point after point, each near the one before: what was nearest to that one is where the search begins.
-    pub(super) fn facing_in_order(&self) -> impl FnMut(GridPoint, DVec3) -> Option<f64> {
+    /// for point after point, each near the one before: what was nearest to that one is where the search begins, or
+    /// a point of the surface that is given with it, with its normal. `points` are those of the surface.
+    pub(super) fn facing_in_order(
+        &self,
+        points: &PointIndex,
+    ) -> impl FnMut(DVec3, DVec3, Option<(DVec3, DVec3)>) -> Option<f64> {
         let mut last: Option<Nearest> = None;
-        move |point, normal| {
-            let guess = last.filter(|last| last.normal.dot(normal) > 0.0);
-            let guess = guess.map(|last| Nearest {
-                squared: (last.point - point.0).length_squared(),
-                ..last
-            });
-            last = self.nearest(point.0, Some(normal), guess);
-            last.as_ref().map(|nearest| self.sign(point.0, nearest))
+        move |from, normal, near| {
+            let faces = |nearest: &Nearest| nearest.normal.dot(normal) > 0.0;
+            let before = last.map(|last| Nearest::of(last.point, last.normal, from));
+            let before = before.filter(faces);
+            let near = near.map(|(point, normal)| Nearest::of(point, normal, from));
+            let guess = match (before, near.filter(faces)) {
+                (Some(before), Some(near)) if before.squared <= near.squared => Some(before),
+                (before, near) => near.or(before),
+            };
+            last = match points.nearest(from, normal, self.reach_mm, guess) {
+                Found::One(nearest) => nearest,
+                // Which of them it is depends on the order in which they are met.
+                Found::Several => self.nearest(from, Some(normal), before),
+            };
+            last.as_ref().map(|nearest| self.sign(from, nearest))
         }
     }
 
@@ -70,7 +93,7 @@ impl<'a> SurfaceDistance<'a> {
             .map(|nearest| GridPoint(nearest.point))
     }
 
-    fn sign(&self, point: DVec3, nearest: &Nearest) -> f64 {
+    pub(super) fn sign(&self, point: DVec3, nearest: &Nearest) -> f64 {
         let from = point - nearest.point;
         let along = from.dot(nearest.normal);
         let across = (from.length_squared() - along * along).max(0.0).sqrt();
@@ -81,21 +104,16 @@ impl<'a> SurfaceDistance<'a> {
         }
     }
 
-    fn candidate(&self, voxel: BoundaryVoxel, y: usize, z: usize, from: DVec3) -> Nearest {
-        let centre = DVec3::new(voxel.x() as f64, y as f64, z as f64) * self.spacing;
+    fn candidate(&self, voxel: BoundaryVoxel, index: [usize; 3], from: DVec3) -> Nearest {
         let normal = voxel.normal().as_dvec3();
-        let point = centre + normal * (f64::from(voxel.offset) * self.offset_step);
-        Nearest {
-            point,
-            normal,
-            squared: (point - from).length_squared(),
-        }
+        let point = surface_point(index, voxel.offset, normal, self.spacing, self.offset_step);
+        Nearest::of(point, normal, from)
     }
 
     /// Rows are visited in square rings around the point's own, until no further ring can hold a nearer
     /// point. Where `facing` is given, points that face away from it do not count. `guess` is a point that counts,
     /// known to be near.
-    fn nearest(
+    pub(super) fn nearest(
         &self,
         from: DVec3,
         facing: Option<DVec3>,
@@ -209,7 +227,7 @@ impl<'a> Search<'a> {
         if centre > reach * reach {
             return true;
         }
-        let found = self.on.candidate(voxel, y, z, self.from);
+        let found = self.on.candidate(voxel, [voxel.x(), y, z], self.from);
         // What the end of the scan lays open faces nowhere.
         let faces = |facing| !voxel.code().is_cut() && found.normal.dot(facing) > 0.0;
         let counts = self.facing.is_none_or(faces);

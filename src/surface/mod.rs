@@ -10,10 +10,14 @@ mod distance;
 mod facing;
 mod normal;
 mod packed;
+mod points;
+mod sight;
 
 pub use boundary::{BoundaryVoxel, NeighbourCode, SemiBoundary, SurfaceError};
-pub use build::{Region, semi_boundary};
-pub use difference::{MOVED_MM, SeenSkin, SkinDifference, skin_difference};
+pub use build::{Region, semi_boundary, semi_boundary_in};
+pub use difference::{
+    ComparedSkin, MOVED_MM, SeenSkin, SkinBefore, SkinDifference, skin_difference,
+};
 pub use distance::{SurfaceDistance, signed_distances};
 pub use facing::{NearestFacing, nearest_facing};
 pub use normal::PackedNormal;

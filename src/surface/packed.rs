@@ -121,8 +121,7 @@ impl SeenSkin {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::surface::difference::tests::{seen, skin};
-    use crate::surface::skin_difference;
+    use crate::surface::difference::tests::{between, seen, skin};
     use glam::DVec3;
 
     fn ball(radius: f64, before: f64) -> SeenSkin {
@@ -137,9 +136,9 @@ mod tests {
         assert_eq!(again.surface, one.surface);
         assert_eq!((&again.seen, &again.moved), (&one.seen, &one.moved));
         assert_eq!(again.region, one.region);
-        let found = skin_difference(&one, &other);
+        let found = between(&one, &other);
         assert!(found.max_mm > 0.3, "{found:?}");
-        assert_eq!(skin_difference(&again, &other), found);
+        assert_eq!(between(&again, &other), found);
     }
 
     #[test]

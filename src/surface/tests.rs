@@ -169,6 +169,42 @@ fn what_a_region_cuts_is_flat() {
 }
 
 #[test]
+fn a_part_is_that_of_the_whole() {
+    let (volume, mask) = ball(8.3);
+    let all = whole(&volume, &mask);
+    for (first, last) in [
+        ([24, 13, 9], [41, 20, 22]),
+        ([0; 3], [38, 17, 11]),
+        ([30, 20, 10], [200, 200, 200]),
+        ([64, 0, 0], [79, 39, 29]),
+        ([0; 3], [79, 39, 29]),
+    ] {
+        let region = Region { first, last };
+        let part = semi_boundary_in(&volume, &mask, THRESHOLD, region).unwrap();
+        let of = |surface: &SemiBoundary| {
+            let voxels = surface
+                .iter()
+                .filter(|(_, voxel, y, z)| region.contains([voxel.x(), *y, *z]));
+            voxels
+                .map(|(_, voxel, y, z)| (voxel, y, z))
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(part.len(), of(&part).len());
+        assert_eq!(of(&part), of(&all));
+        assert_eq!(part.rows.len(), all.rows.len());
+    }
+    let cut = Region {
+        first: [24, 13, 9],
+        last: [41, 20, 22],
+    };
+    let part = semi_boundary_in(&volume, &mask, THRESHOLD, cut).unwrap();
+    assert!(
+        part.len() > 100
+            && part.len() < semi_boundary(&volume, &mask, THRESHOLD, cut).unwrap().len()
+    );
+}
+
+#[test]
 fn a_region_outside_leaves_nothing() {
     let (volume, mask) = ball(8.3);
     let region = Region {

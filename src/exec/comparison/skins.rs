@@ -12,7 +12,9 @@ use crate::feature::NoseBox;
 use crate::plan::{Model, Plan};
 use crate::segment::segment;
 use crate::space::Grid;
-use crate::surface::{Region, SeenSkin, SemiBoundary, semi_boundary, skin_difference};
+use crate::surface::{
+    ComparedSkin, Region, SeenSkin, SemiBoundary, SkinBefore, semi_boundary_in, skin_difference,
+};
 use crate::volume::{Mask, Sample, Volume};
 
 /// How far around the noses of all candidates skins are compared, mm, where the model is global. That of model
@@ -26,7 +28,7 @@ pub const MOST_COMPARED: usize = 32;
 /// Finds the skins of candidates, beside that before the first stage.
 pub(in crate::exec) struct Skins {
     finder: Finder,
-    before: SemiBoundary,
+    before: SkinBefore,
 }
 
 /// Where skin is looked for: the same for all.
@@ -69,6 +71,7 @@ impl Skins {
             kept: around(&nose, margin + RIM_MM, grid),
         };
         let (before, _) = finder.surface(preoperative)?;
+        let before = SkinBefore::new(before);
         Ok(Self { finder, before })
     }
 
@@ -92,6 +95,10 @@ pub(in crate::exec) fn differences(
     skins: &[(&str, &SeenSkin)],
     wanted: impl Fn(usize, usize) -> bool,
 ) -> Vec<SurfaceDifference> {
+    let skins = skins
+        .par_iter()
+        .map(|&(name, skin)| (name, ComparedSkin::new(skin)));
+    let skins: Vec<(&str, ComparedSkin<'_>)> = skins.collect();
     let mut pairs = Vec::new();
     for (place, one) in skins.iter().enumerate() {
         let others = skins.iter().enumerate().skip(place + 1);
@@ -116,14 +123,8 @@ pub(in crate::exec) fn differences(
 impl Finder {
     fn surface<T: Sample>(&self, volume: &Volume<T>) -> Result<(SemiBoundary, Mask), RunError> {
         let mask = segment(volume, self.skin_hu, self.largest)?;
-        // A voxel around what is kept, so that nothing of it is cut open.
-        let mut around = self.kept;
-        for (axis, last) in volume.grid().dims().iter().map(|n| n - 1).enumerate() {
-            around.first[axis] = around.first[axis].saturating_sub(1);
-            around.last[axis] = (around.last[axis] + 1).min(last);
-        }
-        let surface = semi_boundary(volume, &mask, self.skin_hu, around)?;
-        Ok((surface.only_in(self.kept), mask))
+        let surface = semi_boundary_in(volume, &mask, self.skin_hu, self.kept)?;
+        Ok((surface, mask))
     }
 }
 
