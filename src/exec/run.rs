@@ -38,7 +38,7 @@ use crate::report::record::{
 use crate::report::{csv, markdown};
 use crate::segment::segment;
 use crate::space::{Grid, GridPoint};
-use crate::volume::{Rescale, Sample, Spares, Volume};
+use crate::volume::{Mask, Rescale, Sample, Spares, Volume};
 use crate::with_volume;
 
 /// A finished run.
@@ -247,6 +247,8 @@ struct Input {
     /// Memory that was needed to read it.
     spares: Spares,
     skin_hu: f64,
+    /// What is tissue of it.
+    head: Mask,
     found: Vec<SkinLandmark>,
     /// The plan, resolved once more where its landmarks are moved.
     moved: Option<Plan>,
@@ -260,7 +262,7 @@ impl Input {
             let skin_hu = skin_hu(&ready.plan.segment, &ct.volume)?;
             Ok::<_, RunError>((ct, skin_hu))
         })?;
-        let (found, moved) = clock.time(Phase::Landmarks, None, || {
+        let (head, found, moved) = clock.time(Phase::Landmarks, None, || {
             let range = ct.record.hu_range;
             with_volume!(&ct.volume, volume => look_at_landmarks(ready, skin_hu, volume, range))
         })?;
@@ -268,6 +270,7 @@ impl Input {
             ct,
             spares,
             skin_hu,
+            head,
             found,
             moved,
         })
@@ -349,7 +352,7 @@ fn compute<T: Sample>(
     let compares = to.outlook.joint.is_err();
     let mut skins = None;
     if Skins::are_wanted(plan) && compares && !to.outlook.has_skins(to.keys) {
-        let find = || Skins::new(plan, input.skin_hu, preoperative);
+        let find = || Skins::new(plan, input.skin_hu, preoperative, &input.head);
         skins = Some(clock.time(Phase::Skins, None, find)?);
     }
     let bench = Bench {
@@ -611,25 +614,25 @@ fn write_contact_sheets(
     })
 }
 
-/// How far the landmarks of the skin are from it, and the plan with those moved that it asks to be moved:
+/// The head, how far the landmarks of the skin are from it, and the plan with those moved that it asks to be moved:
 /// resolved anew, so that f1, the cage and every edit follow. Refused where they are on no nose.
 fn look_at_landmarks<T: Sample>(
     ready: &Ready,
     skin_hu: f64,
     volume: &Volume<T>,
     hu_range: [f64; 2],
-) -> Result<(Vec<SkinLandmark>, Option<Plan>), RunError> {
+) -> Result<(Mask, Vec<SkinLandmark>, Option<Plan>), RunError> {
     let landmarks = &ready.plan.landmarks;
     let head = segment(volume, skin_hu, ready.plan.segment.keep_largest)?;
     skin_exists(&head, skin_hu, hu_range)?;
     let found = skin_landmarks(landmarks, skin_hu, volume, &head)?;
     nose_exists(&found, landmarks, &head, volume.grid())?;
     let Some(snap_mm) = ready.plan.snap_mm else {
-        return Ok((found, None));
+        return Ok((head, found, None));
     };
     let moved = moved(&found, snap_mm);
     let plan = ready.source.resolve_moved(&ready.ct.grid, &moved);
-    Ok((found, Some(plan.map_err(RunError::Snapped)?)))
+    Ok((head, found, Some(plan.map_err(RunError::Snapped)?)))
 }
 
 /// What the record says of landmarks that were to be moved.

@@ -45,11 +45,12 @@ impl Skins {
         (2..=MOST_COMPARED).contains(&plan.candidates.len())
     }
 
-    /// Finds the skin of the nose as it is.
+    /// Finds the skin of the nose as it is, on the head as [`segment`] finds it.
     pub(in crate::exec) fn new<T: Sample>(
         plan: &Plan,
         skin_hu: f64,
         preoperative: &Volume<T>,
+        head: &Mask,
     ) -> Result<Self, RunError> {
         let margin = match plan.morph.model {
             Model::Local { margin_mm } => margin_mm,
@@ -70,8 +71,7 @@ impl Skins {
             compared: around(&nose, margin, grid),
             kept: around(&nose, margin + RIM_MM, grid),
         };
-        let (before, _) = finder.surface(preoperative)?;
-        let before = SkinBefore::new(before);
+        let before = SkinBefore::new(finder.surface(preoperative, head)?);
         Ok(Self { finder, before })
     }
 
@@ -80,7 +80,8 @@ impl Skins {
         &self,
         volume: &Volume<T>,
     ) -> Result<SeenSkin, RunError> {
-        let (surface, mask) = self.finder.surface(volume)?;
+        let mask = segment(volume, self.finder.skin_hu, self.finder.largest)?;
+        let surface = self.finder.surface(volume, &mask)?;
         Ok(SeenSkin::new(
             surface,
             &mask,
@@ -121,10 +122,12 @@ pub(in crate::exec) fn differences(
 }
 
 impl Finder {
-    fn surface<T: Sample>(&self, volume: &Volume<T>) -> Result<(SemiBoundary, Mask), RunError> {
-        let mask = segment(volume, self.skin_hu, self.largest)?;
-        let surface = semi_boundary_in(volume, &mask, self.skin_hu, self.kept)?;
-        Ok((surface, mask))
+    fn surface<T: Sample>(
+        &self,
+        volume: &Volume<T>,
+        head: &Mask,
+    ) -> Result<SemiBoundary, RunError> {
+        Ok(semi_boundary_in(volume, head, self.skin_hu, self.kept)?)
     }
 }
 
