@@ -18,9 +18,9 @@ const BLOCK: usize = 1 << 20;
 /// At 6 a CT becomes less than 1 % smaller than at 3, and takes a quarter longer.
 const LEVEL: u32 = 3;
 
-/// Blocks held for each thread before they are compressed together: with several, a thread has others to do while
-/// another finishes a harder one.
-const BLOCKS_PER_THREAD: usize = 4;
+/// Blocks held for each thread before they are compressed together: two keep a thread busy while
+/// another finishes a harder block.
+const BLOCKS_PER_THREAD: usize = 2;
 
 /// Magic, deflate, no flags, no time, no extra flags, operating system unknown: nothing that differs
 /// between runs or machines.
@@ -38,7 +38,7 @@ pub struct GzipWriter<W> {
 }
 
 impl<W: Write> GzipWriter<W> {
-    /// A writer that holds at most four blocks of 1 MiB for each thread of the current pool.
+    /// A writer that holds at most two blocks of 1 MiB for each thread of the current pool.
     pub fn new(to: W) -> Self {
         Self {
             to,
