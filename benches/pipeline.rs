@@ -368,7 +368,8 @@ fn segment_keep_largest(bencher: Bencher<'_, '_>, size: [usize; 3]) {
     let mask = above(head(size), DEFAULT_SKIN_HU).expect("memory");
     bencher
         .counter(voxels(size))
-        .bench(|| keep_largest(black_box(&mask)));
+        .with_inputs(|| mask.clone())
+        .bench_values(keep_largest);
 }
 
 #[divan::bench(args = SIZES, sample_count = 5, sample_size = 1)]

@@ -19,21 +19,11 @@ const WORD: usize = u64::BITS as usize;
 ///
 /// # Errors
 /// [`VolumeError::Memory`] where the machine has none.
-pub fn keep_largest(mask: &Mask) -> Result<Mask, VolumeError> {
-    let mut kept = mask.clone();
-    retain_largest(&mut kept)?;
-    Ok(kept)
-}
-
-/// Leaves of a mask what [`keep_largest`] gives.
-///
-/// # Errors
-/// As [`keep_largest`].
-pub(super) fn retain_largest(mask: &mut Mask) -> Result<(), VolumeError> {
-    let runs = Runs::new(mask)?;
+pub fn keep_largest(mut mask: Mask) -> Result<Mask, VolumeError> {
+    let runs = Runs::new(&mask)?;
     let components = Components::new(&runs)?;
     let Some(largest) = components.largest() else {
-        return Ok(());
+        return Ok(mask);
     };
     let [_, ny, _] = mask.dims();
     mask.par_rows_mut().for_each(|(y, z, row)| {
@@ -44,7 +34,7 @@ pub(super) fn retain_largest(mask: &mut Mask) -> Result<(), VolumeError> {
             }
         }
     });
-    Ok(())
+    Ok(mask)
 }
 
 /// Voxels of every 6-connected component, the largest first.
@@ -308,7 +298,11 @@ mod tests {
                 for _ in 0..4 {
                     let mask = random(dims, share, &mut rng);
                     let (largest, sizes) = by_labels(&mask);
-                    assert_eq!(keep_largest(&mask).unwrap(), largest, "{dims:?}, {share}");
+                    assert_eq!(
+                        keep_largest(mask.clone()).unwrap(),
+                        largest,
+                        "{dims:?}, {share}"
+                    );
                     assert_eq!(component_sizes(&mask).unwrap(), sizes, "{dims:?}, {share}");
                     cut += usize::from(largest != mask && sizes[0] > 1);
                 }
@@ -333,7 +327,7 @@ mod tests {
         // The second begins at a smaller x and y.
         let tied = voxels([70, 4, 4], &[[68, 3, 0], [69, 3, 0], [0, 0, 1], [1, 0, 1]]);
         let first = voxels([70, 4, 4], &[[68, 3, 0], [69, 3, 0]]);
-        assert_eq!(keep_largest(&tied).unwrap(), first);
+        assert_eq!(keep_largest(tied.clone()).unwrap(), first);
     }
 
     #[test]
@@ -341,13 +335,13 @@ mod tests {
         // A fork whose arms are met one after another, and joined by the last row.
         let fork = Mask::from_fn([129, 6, 1], |x, y, _| x.is_multiple_of(2) || y == 5).unwrap();
         assert_eq!(component_sizes(&fork).unwrap(), [65 * 5 + 129]);
-        assert_eq!(keep_largest(&fork).unwrap(), fork);
+        assert_eq!(keep_largest(fork.clone()).unwrap(), fork);
     }
 
     #[test]
     fn of_nothing_nothing_is_kept() {
         let empty = Mask::empty([70, 3, 2]).unwrap();
-        assert_eq!(keep_largest(&empty).unwrap(), empty);
+        assert_eq!(keep_largest(empty.clone()).unwrap(), empty);
         assert!(component_sizes(&empty).unwrap().is_empty());
     }
 }

@@ -26,11 +26,12 @@ pub fn segment<T: Sample>(
     threshold_hu: f64,
     largest: bool,
 ) -> Result<Mask, VolumeError> {
-    let mut object = above(volume, threshold_hu)?;
+    let object = above(volume, threshold_hu)?;
     if largest {
-        components::retain_largest(&mut object)?;
+        keep_largest(object)
+    } else {
+        Ok(object)
     }
-    Ok(object)
 }
 
 #[cfg(test)]
