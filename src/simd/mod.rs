@@ -10,7 +10,7 @@
 //!
 //! The environment variable `RHINOPLAN_SIMD` chooses fewer instructions: `off`, `avx2`, `avx512`.
 
-// The only module with `unsafe` code. Each block says why it is sound.
+// The only module with `unsafe` code, but for one call in `volume/pages.rs`. Each block says why it is sound.
 #![allow(
     unsafe_code,
     reason = "instructions that not every processor has are not safe to call; loads that are checked once for many; conversions of what was clamped"

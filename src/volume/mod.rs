@@ -4,6 +4,7 @@
 //! that nothing changes is written back bit for bit.
 
 mod mask;
+mod pages;
 mod sample;
 mod spares;
 mod trilinear;
@@ -15,6 +16,7 @@ use thiserror::Error;
 use crate::space::Grid;
 
 pub use mask::Mask;
+pub use pages::room;
 pub use sample::{Sample, SampleType};
 pub use spares::Spares;
 pub use trilinear::Trilinear;
@@ -150,7 +152,13 @@ impl<T: Sample> Volume<T> {
                 parts.for_each(|(to, from)| to.copy_from_slice(from));
                 samples
             }
-            None => from.par_iter().copied().with_min_len(PART).collect(),
+            None => {
+                // Where there is no room, this ends as any other copy would.
+                let mut samples = room(from.len()).unwrap_or_default();
+                let copies = from.par_iter().copied().with_min_len(PART);
+                copies.collect_into_vec(&mut samples);
+                samples
+            }
         };
         match Array3::from_shape_vec(self.samples.raw_dim(), samples) {
             Ok(samples) => Self {
@@ -239,13 +247,10 @@ impl<T: Sample> Volume<T> {
 
 /// `len` zero samples, or an error where the machine has no memory for them. All threads touch its pages.
 pub fn zeroed<T: Sample>(len: usize) -> Result<Vec<T>, VolumeError> {
-    let mut samples = Vec::new();
-    samples
-        .try_reserve_exact(len)
-        .map_err(|_| VolumeError::Memory {
-            voxels: len,
-            bytes_per_voxel: size_of::<T>(),
-        })?;
+    let mut samples = room(len).map_err(|_| VolumeError::Memory {
+        voxels: len,
+        bytes_per_voxel: size_of::<T>(),
+    })?;
     let zeros = (0..len).into_par_iter().with_min_len(PART);
     zeros.map(|_| T::default()).collect_into_vec(&mut samples);
     Ok(samples)

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use super::error::NiftiProblem;
 use super::header::{FIRST_OFFSET, Header};
 use crate::io::gzip::{claimed_len, inflate_whole};
-use crate::volume::{Sample, zeroed};
+use crate::volume::{Sample, room, zeroed};
 
 /// Deflate cannot pack more than this many bytes into one: 258 for two bits.
 pub(in crate::io) const LARGEST_RATIO: u64 = 1032;
@@ -113,8 +113,7 @@ impl Source {
         }
         self.file.rewind().ok()?;
         let len = usize::try_from(self.len).ok()?;
-        let mut packed = Vec::new();
-        packed.try_reserve_exact(len).ok()?;
+        let mut packed = room(len).ok()?;
         (&self.file).take(self.len).read_to_end(&mut packed).ok()?;
         // A file of several members is mostly found here, before anything is inflated.
         if claimed_len(&packed)? as usize != needed {
