@@ -75,6 +75,10 @@ fn of_one<T: Sample>(plan: &Plan, preoperative: &Volume<T>) -> u64 {
         // The volume before, and at half scale the coarse ones and their field.
         bytes += voxels * (sample + 4);
     }
+    if outputs.volume {
+        // Packed, and in the order of the file.
+        bytes += voxels * sample * 2;
+    }
     if outputs.views || outputs.slices || outputs.charts || outputs.mesh || outputs.solids {
         // In Hounsfield units, enhanced, and masks.
         bytes += voxels * 9;

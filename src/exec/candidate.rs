@@ -17,12 +17,13 @@ use super::timings::Clock;
 use crate::io::nifti::{Template, save_displacement, save_volume};
 use crate::io::nrrd::{self, OutputType};
 use crate::io::staging::Staging;
+use crate::morph::audit::WarpAudit;
 use crate::morph::displacement::fill_component;
 use crate::morph::field::Field;
 use crate::morph::inverse::InverseAudit;
 use crate::picture::encode_png;
 use crate::plan::{Candidate, Model, Plan, Stage};
-use crate::report::record::{CandidateRecord, OperationRecord, StageRecord};
+use crate::report::record::{CandidateRecord, Measures, OperationRecord, StageRecord};
 use crate::space::{Grid, GridPoint};
 use crate::surface::SeenSkin;
 use crate::volume::{Sample, Spares, Volume};
@@ -69,6 +70,14 @@ struct Computed<T> {
     volume: Volume<T>,
     note: StageNote,
     tiles: Option<RgbImage>,
+}
+
+/// What a stage did to a volume.
+struct Examined<'a> {
+    field: Field<'a>,
+    warp: WarpAudit,
+    measures: Measures,
+    drawn: StageSurfaces,
 }
 
 impl<T: Sample> Bench<'_, T> {
@@ -225,7 +234,7 @@ impl<T: Sample> Bench<'_, T> {
         before: Option<Volume<T>>,
         clock: &mut Clock<'_>,
     ) -> Result<Computed<T>, RunError> {
-        let (plan, skin_hu, preoperative) = (self.plan, self.skin_hu, self.preoperative);
+        let (plan, preoperative) = (self.plan, self.preoperative);
         let stage = &candidate.stages[place];
         let at = place_of(candidate, stage);
         let mut warnings = Vec::new();
@@ -240,12 +249,25 @@ impl<T: Sample> Bench<'_, T> {
         };
         // A volume less in memory while the rest is done.
         drop(before);
-        // At half scale this evaluates the map: once, for the audit and for what is written.
-        let (field, warp) = clock.time(Phase::Audit, Some(at), || {
-            let field = operation.displacement()?;
-            let warp = operation.audit(&field);
-            Ok::<_, RunError>((field, warp))
-        })?;
+        let folder = stage_folder(candidate, place);
+        let mut writing = clock.beside();
+        let write = || self.write_volume(&volume, &folder, at, &mut writing);
+        let mut examine = || self.examine(&operation, &volume, stage, &folder, at, clock);
+        let outputs = plan.outputs;
+        let (written, examined) = if outputs.volume || outputs.nrrd {
+            // A volume is deflated on one core: the others go on.
+            rayon::join(write, examine)
+        } else {
+            (Ok(()), examine())
+        };
+        let Examined {
+            field,
+            warp,
+            measures,
+            drawn,
+        } = examined?;
+        written?;
+        clock.join(writing);
         let folded = warp.jacobian_min <= 0.0;
         if folded {
             let warning = format!(
@@ -255,22 +277,7 @@ impl<T: Sample> Bench<'_, T> {
             clock.tell(&Event::Warning(warning.clone()));
             warnings.push(warning);
         }
-        let measures = clock
-            .time(Phase::Measure, Some(at), || {
-                measure(plan, skin_hu, &volume, stage.source, stage.target)
-            })
-            .map_err(|source| RunError::Measure {
-                at: at.into(),
-                source,
-            })?;
-        let folder = stage_folder(candidate, place);
-        self.write(&field, &volume, &folder, at, clock)?;
-        let drawn = match &self.surfaces {
-            None => StageSurfaces::default(),
-            Some(surfaces) => {
-                surfaces.stage(&volume.to_hu()?, stage, &folder, at, (self.staging, clock))?
-            }
-        };
+        self.write_displacement(&field, volume.grid(), &folder, at, clock)?;
         let inverse = self.inverse(&operation, &field, &folder, at, clock)?;
         if let Some(warning) = inverse.as_ref().and_then(|audit| not_inverted(audit, at)) {
             clock.tell(&Event::Warning(warning.clone()));
@@ -294,6 +301,44 @@ impl<T: Sample> Bench<'_, T> {
             volume,
             note,
             tiles: drawn.tiles,
+        })
+    }
+
+    /// What a stage did to the volume: the map's audit, the measures, and what is drawn.
+    fn examine<'o>(
+        &self,
+        operation: &'o Operation,
+        volume: &Volume<T>,
+        stage: &Stage,
+        folder: &Path,
+        at: Place<'_>,
+        clock: &mut Clock<'_>,
+    ) -> Result<Examined<'o>, RunError> {
+        // At half scale this evaluates the map: once, for the audit and for what is written.
+        let (field, warp) = clock.time(Phase::Audit, Some(at), || {
+            let field = operation.displacement()?;
+            let warp = operation.audit(&field);
+            Ok::<_, RunError>((field, warp))
+        })?;
+        let measures = clock
+            .time(Phase::Measure, Some(at), || {
+                measure(self.plan, self.skin_hu, volume, stage.source, stage.target)
+            })
+            .map_err(|source| RunError::Measure {
+                at: at.into(),
+                source,
+            })?;
+        let drawn = match &self.surfaces {
+            None => StageSurfaces::default(),
+            Some(surfaces) => {
+                surfaces.stage(&volume.to_hu()?, stage, folder, at, (self.staging, clock))?
+            }
+        };
+        Ok(Examined {
+            field,
+            warp,
+            measures,
+            drawn,
         })
     }
 
@@ -323,9 +368,8 @@ impl<T: Sample> Bench<'_, T> {
         Ok(Some(audit))
     }
 
-    fn write(
+    fn write_volume(
         &self,
-        field: &Field<'_>,
         volume: &Volume<T>,
         folder: &Path,
         at: Place<'_>,
@@ -344,9 +388,19 @@ impl<T: Sample> Bench<'_, T> {
                 nrrd::save_volume(&path, self.template, volume, self.nrrd)
             })?;
         }
-        if outputs.displacement {
+        Ok(())
+    }
+
+    fn write_displacement(
+        &self,
+        field: &Field<'_>,
+        grid: &Grid,
+        folder: &Path,
+        at: Place<'_>,
+        clock: &mut Clock<'_>,
+    ) -> Result<(), RunError> {
+        if self.plan.outputs.displacement {
             let path = self.staging.begin(folder.join("displacement.nii.gz"))?;
-            let grid: &Grid = volume.grid();
             clock.time(Phase::WriteDisplacement, Some(at), || {
                 save_displacement(&path, self.template, |component, slab, to| {
                     fill_component(field, grid, component, slab.start, to);

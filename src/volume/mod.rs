@@ -16,7 +16,7 @@ use thiserror::Error;
 use crate::space::Grid;
 
 pub use mask::Mask;
-pub use pages::room;
+pub use pages::{room, untouched_zeros};
 pub use sample::{Sample, SampleType};
 pub use spares::Spares;
 pub use trilinear::Trilinear;

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use bytemuck::Pod;
 use serde::Serialize;
 
 use super::{AnyVolume, Volume};
@@ -54,7 +55,7 @@ impl fmt::Display for SampleType {
 }
 
 /// A number that a voxel can be.
-pub trait Sample: Copy + Default + PartialOrd + Send + Sync + fmt::Debug + 'static {
+pub trait Sample: Pod + Default + PartialOrd + Send + Sync + fmt::Debug {
     /// Which one this is.
     const TYPE: SampleType;
 

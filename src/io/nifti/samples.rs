@@ -5,7 +5,6 @@
 //! (its scaling would go through floats, and truncate). In pieces, because the decoder allocates without
 //! asking; so beside the samples themselves only a piece or two is held.
 
-use bytemuck::Pod;
 use ndarray::parallel::prelude::*;
 use ndarray::{Array3, ArrayView2, ArrayView3, ArrayViewMut3, Axis, Slice};
 use nifti::{DataElement, InMemNiftiVolume, IntoNdArray};
@@ -41,7 +40,7 @@ pub(super) fn read(
     }
 }
 
-fn typed<T: Sample + DataElement + Pod>(
+fn typed<T: Sample + DataElement>(
     mut source: Source,
     header: &Header,
     template: &Template,

@@ -4,7 +4,6 @@ use std::fs::{self, File};
 use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
 
-use bytemuck::Pod;
 use flate2::bufread::MultiGzDecoder;
 use sha2::{Digest, Sha256};
 
@@ -106,7 +105,7 @@ impl Source {
     /// machine's order, and the SHA-256 of the file; none of any other file, or a damaged one.
     ///
     /// For a moment the file itself is held beside them.
-    pub(super) fn whole<T: Sample + Pod>(&mut self, needed: u64) -> Option<(Vec<T>, [u8; 32])> {
+    pub(super) fn whole<T: Sample>(&mut self, needed: u64) -> Option<(Vec<T>, [u8; 32])> {
         let needed = usize::try_from(needed).ok()?;
         if !self.compressed || !needed.is_multiple_of(size_of::<T>()) {
             return None;

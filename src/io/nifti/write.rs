@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use bytemuck::cast_slice;
 use ndarray::{Array3, ArrayView1, ArrayView3, ArrayViewMut3, Axis, Slice};
 use rayon::prelude::*;
 
@@ -10,9 +11,10 @@ use super::error::WriteError;
 use super::header::{ByteOrder, FIRST_OFFSET, HEADER_LEN, at};
 use super::template::{RawHeader, Template};
 use crate::io::artifact::Artifact;
-use crate::io::gzip::GzipWriter;
+use crate::io::axes::StoredAxes;
+use crate::io::gzip::{GzipWriter, pack_whole};
 use crate::space::{ContinuousIndex, Grid};
-use crate::volume::{Rescale, Sample, SampleType, Volume};
+use crate::volume::{Rescale, Sample, SampleType, Volume, zeroed};
 
 /// Bytes of rows made together, in parallel, before they are written.
 const BATCH: usize = 4 << 20;
@@ -51,21 +53,47 @@ impl Template {
         volume: &Volume<T>,
     ) -> Result<(), WriteError> {
         self.check(T::TYPE, volume.grid(), volume.rescale())?;
-        write_header(&mut to, &self.header)?;
-        let stored = self.orientation().stored_view(volume.samples());
-        let [_, nj, _] = self.stored;
+        to.write_all(&start(&self.header))?;
         let memory = &mut Vec::new();
         write_rows(
             &mut to,
             self.stored,
             size_of::<T>(),
             memory,
-            |row, bytes| {
-                encode(row_of(stored, row, nj), self.header.order, bytes);
-            },
+            self.encoding(volume),
         )?;
         to.flush()?;
         Ok(())
+    }
+
+    /// [`Template::write_volume`] as gzip, in one piece: a third of the work of a stream, on one core.
+    ///
+    /// # Errors
+    /// As [`Template::write_volume`], and [`WriteError::Io`] where there is no memory for it.
+    fn packed<T: Sample>(&self, volume: &Volume<T>) -> Result<Vec<u8>, WriteError> {
+        self.check(T::TYPE, volume.grid(), volume.rescale())?;
+        let start = start(&self.header);
+        if self.orientation() == StoredAxes::LPS && self.header.order.is_native() {
+            // As it lies in memory.
+            return Ok(pack_whole(&start, cast_slice(volume.as_slice()))?);
+        }
+        let no_memory = |_| WriteError::Io(io::ErrorKind::OutOfMemory.into());
+        let mut stored = zeroed(volume.grid().len() * size_of::<T>()).map_err(no_memory)?;
+        fill_rows(
+            &mut stored,
+            self.stored[0] * size_of::<T>(),
+            0,
+            self.encoding(volume),
+        );
+        Ok(pack_whole(&start, &stored)?)
+    }
+
+    /// Puts a row of a volume by its number into the row's bytes as they are stored.
+    fn encoding<T: Sample>(&self, volume: &Volume<T>) -> impl Fn(usize, &mut [u8]) + Sync {
+        let stored = self.orientation().stored_view(volume.samples());
+        let [_, nj, _] = self.stored;
+        let order = self.header.order;
+        move |row, bytes| encode(row_of(stored, row, nj), order, bytes)
     }
 
     /// Writes a displacement field on this template's grid, uncompressed, as ITK does: five axes
@@ -84,7 +112,7 @@ impl Template {
         mut to: impl Write,
         mut fill: impl FnMut(usize, GridSlab, ArrayViewMut3<'_, f32>),
     ) -> Result<(), WriteError> {
-        write_header(&mut to, &self.displacement_header())?;
+        to.write_all(&start(&self.displacement_header()))?;
         let axes = self.orientation();
         let order = self.header.order;
         let across = axes.lps[2];
@@ -191,7 +219,15 @@ pub fn save_volume<T: Sample>(
     template: &Template,
     volume: &Volume<T>,
 ) -> Result<(), WriteError> {
-    save(path, |to| template.write_volume(to, volume))
+    let mut artifact = Artifact::create(path)?;
+    let written = if is_gzip(path) {
+        template
+            .packed(volume)
+            .and_then(|packed| Ok(artifact.write_all(&packed)?))
+    } else {
+        template.write_volume(&mut artifact, volume)
+    };
+    finish(artifact, written)
 }
 
 /// Writes a displacement field as a file that appears whole or not at all, gzipped where its name ends in
@@ -204,23 +240,25 @@ pub fn save_displacement(
     template: &Template,
     fill: impl FnMut(usize, GridSlab, ArrayViewMut3<'_, f32>),
 ) -> Result<(), WriteError> {
-    save(path, |to| template.write_displacement(to, fill))
+    let mut artifact = Artifact::create(path)?;
+    let written = if is_gzip(path) {
+        let mut gzip = GzipWriter::new(&mut artifact);
+        template
+            .write_displacement(&mut gzip, fill)
+            .and_then(|()| Ok(gzip.finish().map(|_| ())?))
+    } else {
+        template.write_displacement(&mut artifact, fill)
+    };
+    finish(artifact, written)
 }
 
-fn save(
-    path: &Path,
-    fill: impl FnOnce(&mut dyn Write) -> Result<(), WriteError>,
-) -> Result<(), WriteError> {
-    let mut artifact = Artifact::create(path)?;
-    let compress = path
-        .extension()
-        .is_some_and(|extension| extension.eq_ignore_ascii_case("gz"));
-    let written = if compress {
-        let mut gzip = GzipWriter::new(&mut artifact);
-        fill(&mut gzip).and_then(|()| Ok(gzip.finish().map(|_| ())?))
-    } else {
-        fill(&mut artifact)
-    };
+fn is_gzip(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("gz"))
+}
+
+/// Puts a file in place, of which all was written.
+fn finish(artifact: Artifact, written: Result<(), WriteError>) -> Result<(), WriteError> {
     match written {
         Ok(()) => Ok(artifact.commit()?),
         Err(WriteError::Io(error)) => Err(artifact.failed(error).into()),
@@ -228,10 +266,11 @@ fn save(
     }
 }
 
-fn write_header(to: &mut impl Write, header: &RawHeader) -> io::Result<()> {
-    to.write_all(&header.bytes)?;
-    // The extension flag: none follow.
-    to.write_all(&[0; FIRST_OFFSET - HEADER_LEN])
+/// What a file begins with: the header, and that no extension follows.
+fn start(header: &RawHeader) -> [u8; FIRST_OFFSET] {
+    let mut start = [0; FIRST_OFFSET];
+    start[..HEADER_LEN].copy_from_slice(&header.bytes);
+    start
 }
 
 /// Makes the rows of a volume in stored order, many at a time and in parallel, and writes them.
@@ -247,20 +286,30 @@ pub(in crate::io) fn write_rows(
     let row_bytes = ni * sample_bytes;
     let rows = nj * nk;
     let batch = (BATCH / row_bytes).clamp(1, rows);
-    // Short rows are handed out several at a time.
-    let share = ((64 << 10) / row_bytes).max(1);
     bytes.resize(batch * row_bytes, 0);
     for first in (0..rows).step_by(batch) {
         let rows = batch.min(rows - first);
         let bytes = &mut bytes[..rows * row_bytes];
-        bytes
-            .par_chunks_mut(row_bytes)
-            .with_min_len(share)
-            .enumerate()
-            .for_each(|(row, bytes)| fill(first + row, bytes));
+        fill_rows(bytes, row_bytes, first, &fill);
         to.write_all(bytes)?;
     }
     Ok(())
+}
+
+/// Fills rows of bytes in parallel, each by its number, counted on from `first`.
+fn fill_rows(
+    bytes: &mut [u8],
+    row_bytes: usize,
+    first: usize,
+    fill: impl Fn(usize, &mut [u8]) + Sync,
+) {
+    // Short rows are handed out several at a time.
+    let share = ((64 << 10) / row_bytes).max(1);
+    bytes
+        .par_chunks_mut(row_bytes)
+        .with_min_len(share)
+        .enumerate()
+        .for_each(|(row, bytes)| fill(first + row, bytes));
 }
 
 /// A row by its number, of an array indexed `[k, j, i]`.
