@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::chain::{Chain, Lattice, VoxelBox};
 use super::field::{Field, Scratch};
+use super::real::{larger, smaller};
 use super::tile::{TILE, Tile, tiles_of};
 use super::{LANES, Points};
 use crate::feature::NoseBox;
@@ -40,12 +41,26 @@ impl WarpAudit {
     };
 
     /// Examines `chain` at every voxel of `lattice`, which it must have been made for.
+    ///
+    /// Every voxel is looked at in single precision first, and in double precision where an extreme may be: in all tiles
+    /// whose own comes nearer to it than single precision can be off.
     pub fn new(chain: &Chain, lattice: &Lattice, nose: &NoseBox) -> Self {
         let simd = Simd::widest();
         let around = Around::new(lattice, nose);
-        tiles_of(chain.support(lattice))
-            .into_par_iter()
-            .map(|voxels| {
+        let tiles = tiles_of(chain.support(lattice));
+        let screen = |&voxels: &VoxelBox| {
+            simd.run(ScreenTile {
+                chain,
+                around: &around,
+                voxels,
+            })
+        };
+        let screened: Vec<Screened> = tiles.par_iter().map(screen).collect();
+        let least = Screened::all(&screened);
+        let tiles = tiles.into_par_iter().zip(screened);
+        tiles
+            .filter(|(_, screened)| screened.may_hold(&least))
+            .map(|(voxels, _)| {
                 simd.run(AuditTile {
                     chain,
                     around: &around,
@@ -112,16 +127,182 @@ impl Kernel for AuditTile<'_> {
         } = self;
         let lanes = voxels.end[0] - voxels.start[0];
         let mut extremes = Extremes::NONE;
-        let mut determinants = [1.0; LANES];
         for z in voxels.start[2]..voxels.end[2] {
             for y in voxels.start[1]..voxels.end[1] {
                 let targets = Points::row([voxels.start[0], y, z]);
                 let mut sources = targets.clone();
-                chain.to_source_with_jacobian(&mut sources, &mut determinants);
-                extremes.add(around, 0..lanes, &determinants, &targets, &sources);
+                let determinants = chain.to_source_with_jacobian(&mut sources);
+                extremes.add(around, 0..lanes, &determinants.value, &targets, &sources);
             }
         }
         extremes.found()
+    }
+}
+
+/// How far single precision may be off, of the terms that a determinant is added up from, for each stage of a chain: some
+/// hundred times what its roundings amount to.
+const OFF_DETERMINANT: f64 = 2e-5;
+
+/// The same of a displacement and a voxel's size together.
+const OFF_DISPLACEMENT: f64 = 1e-3;
+
+/// Between which bounds the extremes of a tile lie.
+#[derive(Debug, Clone, Copy)]
+struct Screened {
+    /// Smallest Jacobian determinant.
+    least: [f64; 2],
+    /// Largest displacement, mm.
+    furthest: [f64; 2],
+    /// Largest displacement outside the nose box, mm.
+    furthest_outside: [f64; 2],
+}
+
+impl Screened {
+    /// Where single precision does not do.
+    const UNKNOWN: Self = Self {
+        least: [f64::NEG_INFINITY, f64::INFINITY],
+        furthest: [0.0, f64::INFINITY],
+        furthest_outside: [0.0, f64::INFINITY],
+    };
+
+    /// Bounds for the extremes of all tiles, and of what does not move.
+    fn all(tiles: &[Self]) -> Self {
+        let identity = WarpAudit::IDENTITY;
+        let none = Self {
+            least: [identity.jacobian_min; 2],
+            furthest: [identity.displacement_max_mm; 2],
+            furthest_outside: [identity.displacement_max_outside_mm; 2],
+        };
+        let smallest = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].min(b[1])];
+        let largest = |a: [f64; 2], b: [f64; 2]| [a[0].max(b[0]), a[1].max(b[1])];
+        tiles.iter().fold(none, |all, tile| Self {
+            least: smallest(all.least, tile.least),
+            furthest: largest(all.furthest, tile.furthest),
+            furthest_outside: largest(all.furthest_outside, tile.furthest_outside),
+        })
+    }
+
+    /// Whether an extreme of all tiles may be in this one.
+    fn may_hold(&self, all: &Self) -> bool {
+        self.least[0] <= all.least[1]
+            || self.furthest[1] >= all.furthest[0]
+            || self.furthest_outside[1] >= all.furthest_outside[0]
+    }
+}
+
+/// One tile of voxels under a chain, roughly.
+struct ScreenTile<'a> {
+    chain: &'a Chain,
+    around: &'a Around,
+    voxels: VoxelBox,
+}
+
+impl Kernel for ScreenTile<'_> {
+    type Output = Screened;
+
+    #[inline(always)]
+    fn run(self) -> Screened {
+        let Self {
+            chain,
+            around,
+            voxels,
+        } = self;
+        let lanes = voxels.end[0] - voxels.start[0];
+        let spacing = around.spacing.as_vec3();
+        let between = |low: f64, at: f64, high: f64| (at >= low) & (at <= high);
+        let mut inside_x = [false; LANES];
+        for lane in 0..LANES {
+            let x = around.first.x + (voxels.start[0] + lane) as f64 * around.spacing.x;
+            inside_x[lane] = between(around.low.x, x, around.high.x);
+        }
+        let mut least = [f32::INFINITY; LANES];
+        let mut terms = [1.0_f32; LANES];
+        let mut furthest = [0.0_f32; LANES];
+        let mut furthest_outside = [0.0_f32; LANES];
+        let mut sum = [0.0_f32; LANES];
+        for z in voxels.start[2]..voxels.end[2] {
+            let at = around.first.z + z as f64 * around.spacing.z;
+            let inside_z = between(around.low.z, at, around.high.z);
+            for y in voxels.start[1]..voxels.end[1] {
+                let at = around.first.y + y as f64 * around.spacing.y;
+                let inside_yz = inside_z & between(around.low.y, at, around.high.y);
+                let targets = Points::<f32>::row([voxels.start[0], y, z]);
+                let mut sources = targets.clone();
+                let determinants = chain.to_source_with_jacobian(&mut sources);
+                for lane in 0..LANES {
+                    let x = (sources.x[lane] - targets.x[lane]) * spacing.x;
+                    let y = (sources.y[lane] - targets.y[lane]) * spacing.y;
+                    let z = (sources.z[lane] - targets.z[lane]) * spacing.z;
+                    let moved = x * x + y * y + z * z;
+                    let inside = inside_yz & inside_x[lane];
+                    let outside = if inside { 0.0 } else { moved };
+                    least[lane] = smaller(determinants.value[lane], least[lane]);
+                    terms[lane] = larger(determinants.terms[lane], terms[lane]);
+                    furthest[lane] = larger(moved, furthest[lane]);
+                    furthest_outside[lane] = larger(outside, furthest_outside[lane]);
+                    // What is no number, which comparisons pass over, stays.
+                    sum[lane] += determinants.value[lane] + moved;
+                }
+            }
+        }
+        let of = |lanes: &[f32]| lanes.iter().copied().fold(0.0, f32::max);
+        let counts = |all: &[f32; LANES]| of(&all[..lanes]);
+        let sound = sum[..lanes].iter().all(|sum| sum.is_finite());
+        let terms = f64::from(counts(&terms));
+        if !sound || !terms.is_finite() {
+            return Screened::UNKNOWN;
+        }
+        let stages = chain.depth() as f64;
+        let least = least[..lanes].iter().copied().fold(f32::INFINITY, f32::min);
+        let off = OFF_DETERMINANT * stages * terms;
+        let bounds = |furthest: f64| {
+            let off = OFF_DISPLACEMENT * stages * (furthest + around.spacing.max_element());
+            [furthest - off, furthest + off]
+        };
+        Screened {
+            least: [f64::from(least) - off, f64::from(least) + off],
+            furthest: bounds(f64::from(counts(&furthest).sqrt())),
+            furthest_outside: bounds(f64::from(counts(&furthest_outside).sqrt())),
+        }
+    }
+}
+
+#[cfg(test)]
+impl WarpAudit {
+    /// How far single precision is off at most in any tile: the share of what it may be.
+    pub(super) fn screening_is_off_by(chain: &Chain, lattice: &Lattice, nose: &NoseBox) -> f64 {
+        let around = &Around::new(lattice, nose);
+        let tiles = tiles_of(chain.support(lattice)).into_par_iter();
+        let shares = tiles.map(|voxels| {
+            let screened = Simd::widest().run(ScreenTile {
+                chain,
+                around,
+                voxels,
+            });
+            let exact = Simd::widest().run(AuditTile {
+                chain,
+                around,
+                voxels,
+            });
+            let share = |[low, high]: [f64; 2], most: f64, exact: f64| {
+                assert!(high.is_finite());
+                2.0 * (((low + high) / 2.0).min(most) - exact).abs() / (high - low)
+            };
+            let Self {
+                jacobian_min,
+                displacement_max_mm,
+                displacement_max_outside_mm,
+            } = exact;
+            // An audit tells of no determinant above that of what does not move.
+            share(screened.least, Self::IDENTITY.jacobian_min, jacobian_min)
+                .max(share(screened.furthest, f64::MAX, displacement_max_mm))
+                .max(share(
+                    screened.furthest_outside,
+                    f64::MAX,
+                    displacement_max_outside_mm,
+                ))
+        });
+        shares.reduce(|| 0.0, f64::max)
     }
 }
 

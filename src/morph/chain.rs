@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::bounds::{Bend, Bounds};
-use super::stage::StageMap;
-use super::{LANES, Points};
+use super::stage::{Determinants, StageMap};
+use super::{Points, Real};
 use crate::space::{Grid, GridPoint};
 
 /// Voxel centres in grid millimetres of the full-size volume: its own, or those of half its size.
@@ -145,14 +145,19 @@ impl Chain {
         }
     }
 
-    /// As [`Chain::to_source`], and puts the Jacobian determinant of the whole chain at each position into
-    /// `determinants`.
+    /// As [`Chain::to_source`], with the Jacobian determinant of the whole chain at each position.
     #[inline(always)]
-    pub fn to_source_with_jacobian(&self, points: &mut Points, determinants: &mut [f64; LANES]) {
-        determinants.fill(1.0);
+    pub fn to_source_with_jacobian<F: Real>(&self, points: &mut Points<F>) -> Determinants<F> {
+        let mut determinants = Determinants::ones();
         for stage in self.moving().rev() {
-            stage.to_source_with_jacobian(points, determinants);
+            stage.to_source_with_jacobian(points, &mut determinants);
         }
+        determinants
+    }
+
+    /// How many stages move anything.
+    pub(super) fn depth(&self) -> usize {
+        self.moving().count()
     }
 
     /// How far trilinear interpolation between the corners of a cell can be from the map, anywhere in the

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::real::{Real, Vector, larger, smaller};
 use crate::feature::LineError;
 
 /// Two vectors closer to parallel than this (sine of their angle) give no cross product to build a frame on.
@@ -40,11 +41,11 @@ impl Segment {
 
     /// Ready to be measured from many points.
     #[inline(always)]
-    pub(super) fn measure(&self) -> Measure {
+    pub(super) fn measure<F: Real>(&self) -> Measure<F> {
         Measure {
-            start: self.start,
-            along: self.end - self.start,
-            inverse_length2: self.inverse_length2(),
+            start: Vector::of(self.start),
+            along: Vector::of(self.end - self.start),
+            inverse_length2: F::of(self.inverse_length2()),
         }
     }
 
@@ -61,39 +62,26 @@ impl Segment {
 
 /// A segment with what every distance to it asks for.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Measure {
-    start: DVec3,
-    along: DVec3,
-    inverse_length2: f64,
+pub(super) struct Measure<F> {
+    start: Vector<F>,
+    along: Vector<F>,
+    inverse_length2: F,
 }
 
-impl Measure {
+impl<F: Real> Measure<F> {
     /// The vector to a point from the nearest place of the segment.
     #[inline(always)]
-    pub(super) fn offset_of(&self, x: f64, y: f64, z: f64) -> (f64, f64, f64) {
+    pub(super) fn offset_of(&self, x: F, y: F, z: F) -> (F, F, F) {
         let (a, along) = (self.start, self.along);
         let (ax, ay, az) = (x - a.x, y - a.y, z - a.z);
         let place = (ax * along.x + ay * along.y + az * along.z) * self.inverse_length2;
-        let place = smaller(larger(place, 0.0), 1.0);
+        let place = smaller(larger(place, F::of(0.0)), F::of(1.0));
         (
             ax - place * along.x,
             ay - place * along.y,
             az - place * along.z,
         )
     }
-}
-
-/// The larger of two numbers: one instruction on every vector unit, unlike `f64::max`, which has to look for what is no
-/// number.
-#[inline(always)]
-pub(super) fn larger(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-/// The smaller of two numbers, likewise.
-#[inline(always)]
-pub(super) fn smaller(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
 }
 
 /// How the two axes across a line are scaled.

@@ -2,16 +2,44 @@
 
 use glam::DVec3;
 
+use super::Real;
+
 /// Positions handled at once. Two rows of eight: a tile's row, and enough for any vector unit.
 pub const LANES: usize = 16;
 
 /// [`LANES`] positions in voxels of a lattice.
 #[derive(Debug, Clone)]
 #[allow(missing_docs, reason = "the three axes")]
-pub struct Points {
-    pub x: [f64; LANES],
-    pub y: [f64; LANES],
-    pub z: [f64; LANES],
+pub struct Points<F = f64> {
+    pub x: [F; LANES],
+    pub y: [F; LANES],
+    pub z: [F; LANES],
+}
+
+impl<F: Real> Points<F> {
+    /// Neighbouring voxels along x, the first at `start`.
+    #[inline(always)]
+    pub fn row(start: [usize; 3]) -> Self {
+        let mut points = Self {
+            x: [F::of(0.0); LANES],
+            y: [F::of(start[1] as f64); LANES],
+            z: [F::of(start[2] as f64); LANES],
+        };
+        for (lane, x) in points.x.iter_mut().enumerate() {
+            *x = F::of((start[0] + lane) as f64);
+        }
+        points
+    }
+
+    /// All at the origin.
+    #[inline(always)]
+    pub(super) fn zero() -> Self {
+        Self {
+            x: [F::of(0.0); LANES],
+            y: [F::of(0.0); LANES],
+            z: [F::of(0.0); LANES],
+        }
+    }
 }
 
 impl Points {
@@ -21,20 +49,6 @@ impl Points {
         y: [0.0; LANES],
         z: [0.0; LANES],
     };
-
-    /// Neighbouring voxels along x, the first at `start`.
-    #[inline(always)]
-    pub fn row(start: [usize; 3]) -> Self {
-        let mut points = Self {
-            x: [0.0; LANES],
-            y: [start[1] as f64; LANES],
-            z: [start[2] as f64; LANES],
-        };
-        for (lane, x) in points.x.iter_mut().enumerate() {
-            *x = (start[0] + lane) as f64;
-        }
-        points
-    }
 
     /// Every lane at one position.
     pub fn splat(at: DVec3) -> Self {

@@ -12,7 +12,8 @@
 
 use glam::DVec3;
 
-use super::pair::{Frame, PairMap, Segment, larger, smaller};
+use super::pair::{Frame, PairMap, Segment};
+use super::real::{Real, Vector, larger, size, smaller};
 use super::reference::LineSum;
 use super::{Chain, EPSILON, LANES, Lattice, Points};
 use crate::feature::{Cage, FeatureKind, FeatureLine, LineError, NoseBox};
@@ -39,14 +40,14 @@ impl Taper {
 
 /// 1 − s³(6s² − 15s + 10): from 1 at 0 to exactly 0 at 1, flat at both ends.
 #[inline(always)]
-pub(super) fn fade(s: f64) -> f64 {
-    1.0 - s * s * s * (6.0 * s * s - 15.0 * s + 10.0)
+pub(super) fn fade<F: Real>(s: F) -> F {
+    F::of(1.0) - s * s * s * (F::of(6.0) * s * s - F::of(15.0) * s + F::of(10.0))
 }
 
 /// Its derivative.
 #[inline(always)]
-fn fade_slope(s: f64) -> f64 {
-    -30.0 * s * s * (s - 1.0) * (s - 1.0)
+fn fade_slope<F: Real>(s: F) -> F {
+    F::of(-30.0) * s * s * (s - F::of(1.0)) * (s - F::of(1.0))
 }
 
 /// The map of one stage from target to source positions.
@@ -215,12 +216,13 @@ impl StageMap {
     }
 
     #[inline(always)]
-    fn units_of(&self, points: &Points) -> Points {
-        let mut units = Points::ZERO;
+    fn units_of<F: Real>(&self, points: &Points<F>) -> Points<F> {
+        let (scale, offset) = (Vector::of(self.scale), Vector::of(self.offset));
+        let mut units = Points::zero();
         for lane in 0..LANES {
-            units.x[lane] = points.x[lane] * self.scale.x + self.offset.x;
-            units.y[lane] = points.y[lane] * self.scale.y + self.offset.y;
-            units.z[lane] = points.z[lane] * self.scale.z + self.offset.z;
+            units.x[lane] = points.x[lane] * scale.x + offset.x;
+            units.y[lane] = points.y[lane] * scale.y + offset.y;
+            units.z[lane] = points.z[lane] * scale.z + offset.z;
         }
         units
     }
@@ -228,7 +230,7 @@ impl StageMap {
     /// t·λ at positions in the model's units.
     #[inline(always)]
     fn strength(&self, units: &Points) -> [f64; LANES] {
-        let f1 = self.f1.measure();
+        let f1 = self.f1.measure::<f64>();
         let (lo, hi) = (self.cage.min, self.cage.max);
         let further = self.further_weights(units);
         let mut strength = [0.0; LANES];
@@ -277,7 +279,7 @@ impl StageMap {
     fn further_weights(&self, units: &Points) -> [f64; LANES] {
         let mut weights = [0.0; LANES];
         for line in &self.held {
-            let line = line.measure();
+            let line = line.measure::<f64>();
             for lane in 0..LANES {
                 let (rx, ry, rz) = line.offset_of(units.x[lane], units.y[lane], units.z[lane]);
                 let reach = (rx * rx + ry * ry + rz * rz).sqrt() + EPSILON;
@@ -289,8 +291,8 @@ impl StageMap {
 
     /// The same, with the gradient of the sum.
     #[inline(always)]
-    fn further_gradients(&self, units: &Points) -> [Weight; LANES] {
-        let mut weights = [Weight::NONE; LANES];
+    fn further_gradients<F: Real>(&self, units: &Points<F>) -> [Weight<F>; LANES] {
+        let mut weights = [Weight::none(); LANES];
         for line in &self.held {
             let line = line.measure();
             for lane in 0..LANES {
@@ -305,62 +307,79 @@ impl StageMap {
     /// of this map there. Closed form; on a feature line itself, where a distance has no gradient, that
     /// gradient counts as zero. The determinant is the same in voxels and in mm.
     #[inline(always)]
-    pub fn to_source_with_jacobian(&self, points: &mut Points, determinants: &mut [f64; LANES]) {
+    pub fn to_source_with_jacobian<F: Real>(
+        &self,
+        points: &mut Points<F>,
+        determinants: &mut Determinants<F>,
+    ) {
         let units = self.units_of(points);
         let (strength, gradient) = self.strength_and_gradient(&units);
-        let PairMap {
-            origin,
-            linear: m,
-            shift,
-        } = self.pair;
-        let (back_x, back_y, back_z) = (1.0 / self.scale.x, 1.0 / self.scale.y, 1.0 / self.scale.z);
+        let m = self.pair.linear;
+        let (mx, my, mz): (Vector<F>, Vector<F>, Vector<F>) = (
+            Vector::of(m.x_axis),
+            Vector::of(m.y_axis),
+            Vector::of(m.z_axis),
+        );
+        let largest_m = m
+            .to_cols_array()
+            .into_iter()
+            .fold(0.0, |all, one| larger(all, size(one)));
+        let largest_m = F::of(largest_m);
+        let (origin, shift) = (Vector::of(self.pair.origin), Vector::of(self.pair.shift));
+        let back: Vector<F> = Vector::of(1.0 / self.scale);
+        let one = F::of(1.0);
         for lane in 0..LANES {
             let x = units.x[lane] - origin.x;
             let y = units.y[lane] - origin.y;
             let z = units.z[lane] - origin.z;
             let s = strength[lane];
-            let gx = m.x_axis.x * x + m.y_axis.x * y + m.z_axis.x * z + shift.x;
-            let gy = m.x_axis.y * x + m.y_axis.y * y + m.z_axis.y * z + shift.y;
-            let gz = m.x_axis.z * x + m.y_axis.z * y + m.z_axis.z * z + shift.z;
+            let gx = mx.x * x + my.x * y + mz.x * z + shift.x;
+            let gy = mx.y * x + my.y * y + mz.y * z + shift.y;
+            let gz = mx.z * x + my.z * y + mz.z * z + shift.z;
             // I + s·M + g ∇sᵀ, by columns.
             let (sx, sy, sz) = (gradient.x[lane], gradient.y[lane], gradient.z[lane]);
             let (xx, xy, xz) = (
-                1.0 + m.x_axis.x * s + gx * sx,
-                m.x_axis.y * s + gy * sx,
-                m.x_axis.z * s + gz * sx,
+                one + mx.x * s + gx * sx,
+                mx.y * s + gy * sx,
+                mx.z * s + gz * sx,
             );
             let (yx, yy, yz) = (
-                m.y_axis.x * s + gx * sy,
-                1.0 + m.y_axis.y * s + gy * sy,
-                m.y_axis.z * s + gz * sy,
+                my.x * s + gx * sy,
+                one + my.y * s + gy * sy,
+                my.z * s + gz * sy,
             );
             let (zx, zy, zz) = (
-                m.z_axis.x * s + gx * sz,
-                m.z_axis.y * s + gy * sz,
-                1.0 + m.z_axis.z * s + gz * sz,
+                mz.x * s + gx * sz,
+                mz.y * s + gy * sz,
+                one + mz.z * s + gz * sz,
             );
-            determinants[lane] *=
+            determinants.value[lane] *=
                 zx * (xy * yz - xz * yy) + zy * (xz * yx - xx * yz) + zz * (xx * yy - xy * yx);
-            points.x[lane] += s * gx * back_x;
-            points.y[lane] += s * gy * back_y;
-            points.z[lane] += s * gz * back_z;
+            let largest_g = larger(larger(size(gx), size(gy)), size(gz)) + one;
+            let steepest = larger(larger(size(sx), size(sy)), size(sz));
+            let entry = one + largest_m * s + largest_g * steepest;
+            determinants.terms[lane] *= F::of(6.0) * entry * entry * entry;
+            points.x[lane] += s * gx * back.x;
+            points.y[lane] += s * gy * back.y;
+            points.z[lane] += s * gz * back.z;
         }
     }
 
     /// t·λ and its gradient, at positions in the model's units.
     #[inline(always)]
-    fn strength_and_gradient(&self, units: &Points) -> ([f64; LANES], Points) {
-        let f1 = self.f1.measure();
-        let (lo, hi) = (self.cage.min, self.cage.max);
-        let mut strength = [0.0; LANES];
-        let mut gradient = Points::ZERO;
+    fn strength_and_gradient<F: Real>(&self, units: &Points<F>) -> ([F; LANES], Points<F>) {
+        let f1 = self.f1.measure::<F>();
+        let (lo, hi): (Vector<F>, Vector<F>) =
+            (Vector::of(self.cage.min), Vector::of(self.cage.max));
+        let mut strength = [F::of(0.0); LANES];
+        let mut gradient = Points::zero();
         let further = self.further_gradients(units);
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
             let (rx, ry, rz) = f1.offset_of(x, y, z);
             let f1 = Weight::of(rx, ry, rz);
             let (out_x, out_z) = (beyond(x, lo.x, hi.x), beyond(z, lo.z, hi.z));
-            let by_face = |face: f64| {
+            let by_face = |face: F| {
                 let y = y - face;
                 let below = Weight::of(out_x, y, z - lo.z);
                 let above = Weight::of(out_x, y, z - hi.z);
@@ -369,11 +388,11 @@ impl StageMap {
                 below.and(above).and(right.and(left))
             };
             let held = by_face(lo.y).and(by_face(hi.y)).and(further[lane]);
-            let inverse_total = 1.0 / (f1.weight + held.weight);
+            let inverse_total = F::of(1.0) / (f1.weight + held.weight);
             strength[lane] = f1.weight * inverse_total;
             // (w₁'Σ − w₁Σ')/Σ², written so that the terms of w₁' cancel before they are computed.
             let inverse_total2 = inverse_total * inverse_total;
-            let slope = |f1_slope: f64, held_slope: f64| {
+            let slope = |f1_slope: F, held_slope: F| {
                 (f1_slope * held.weight - held_slope * f1.weight) * inverse_total2
             };
             gradient.x[lane] = slope(f1.x, held.x);
@@ -381,15 +400,17 @@ impl StageMap {
             gradient.z[lane] = slope(f1.z, held.z);
         }
         if let Some(taper) = &self.taper {
-            let (lo, hi) = (taper.nose.min.0, taper.nose.max.0);
+            let (lo, hi): (Vector<F>, Vector<F>) =
+                (Vector::of(taper.nose.min.0), Vector::of(taper.nose.max.0));
+            let margin = F::of(taper.margin_mm);
             for lane in 0..LANES {
                 let out_x = beyond(units.x[lane], lo.x, hi.x);
                 let out_y = beyond(units.y[lane], lo.y, hi.y);
                 let out_z = beyond(units.z[lane], lo.z, hi.z);
                 let away = (out_x * out_x + out_y * out_y + out_z * out_z).sqrt();
-                let s = smaller(away / taper.margin_mm, 1.0);
+                let s = smaller(away / margin, F::of(1.0));
                 let t = fade(s);
-                let slope = fade_slope(s) / (taper.margin_mm * larger(away, NO_DISTANCE));
+                let slope = fade_slope(s) / (margin * larger(away, F::of(NO_DISTANCE)));
                 let pull = slope * strength[lane];
                 gradient.x[lane] = gradient.x[lane] * t + out_x * pull;
                 gradient.y[lane] = gradient.y[lane] * t + out_y * pull;
@@ -398,6 +419,27 @@ impl StageMap {
             }
         }
         (strength, gradient)
+    }
+}
+
+/// Jacobian determinants at positions.
+#[derive(Debug, Clone)]
+pub struct Determinants<F = f64> {
+    /// What they are.
+    pub value: [F; LANES],
+    /// A bound on the sum of the absolute values of the terms that they were added up from: what rounding made of them
+    /// is a small share of this, also where the terms cancel.
+    pub terms: [F; LANES],
+}
+
+impl<F: Real> Determinants<F> {
+    /// Where nothing moves.
+    #[inline(always)]
+    pub fn ones() -> Self {
+        Self {
+            value: [F::of(1.0); LANES],
+            terms: [F::of(1.0); LANES],
+        }
     }
 }
 
@@ -417,38 +459,45 @@ fn outside(at: f64, lo: f64, hi: f64) -> f64 {
 
 /// Signed distance by which a coordinate lies outside an interval; 0 inside.
 #[inline(always)]
-fn beyond(at: f64, lo: f64, hi: f64) -> f64 {
-    larger(at - hi, 0.0) + smaller(at - lo, 0.0)
+fn beyond<F: Real>(at: F, lo: F, hi: F) -> F {
+    larger(at - hi, F::of(0.0)) + smaller(at - lo, F::of(0.0))
 }
 
 /// A weight and its gradient.
 #[derive(Debug, Clone, Copy)]
-struct Weight {
-    weight: f64,
-    x: f64,
-    y: f64,
-    z: f64,
+struct Weight<F> {
+    weight: F,
+    x: F,
+    y: F,
+    z: F,
 }
 
-impl Weight {
-    const NONE: Self = Self {
-        weight: 0.0,
-        x: 0.0,
-        y: 0.0,
-        z: 0.0,
-    };
+impl<F: Real> Weight<F> {
+    #[inline(always)]
+    fn none() -> Self {
+        let none = F::of(0.0);
+        Self {
+            weight: none,
+            x: none,
+            y: none,
+            z: none,
+        }
+    }
 
     /// (d + ε)⁻² for the vector from the nearest point of a line.
     #[inline(always)]
-    fn of(x: f64, y: f64, z: f64) -> Self {
+    fn of(x: F, y: F, z: F) -> Self {
         let distance = (x * x + y * y + z * z).sqrt();
-        let (reach, distance) = (distance + EPSILON, larger(distance, NO_DISTANCE));
+        let (reach, distance) = (
+            distance + F::of(EPSILON),
+            larger(distance, F::of(NO_DISTANCE)),
+        );
         // Both inverses with one division.
-        let both = 1.0 / (reach * distance);
+        let both = F::of(1.0) / (reach * distance);
         let inverse = both * distance;
         let weight = inverse * inverse;
         // −2·(d + ε)⁻³ along the unit vector.
-        let slope = -2.0 * weight * both;
+        let slope = F::of(-2.0) * weight * both;
         Self {
             weight,
             x: x * slope,

@@ -4,6 +4,8 @@
 use glam::{DMat3, DVec3};
 use ndarray::Array3;
 use proptest::prelude::*;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{RngCore, SeedableRng};
 
 use super::audit::{FieldDifference, WarpAudit};
 use super::chain::{Chain, Lattice};
@@ -432,8 +434,7 @@ fn the_jacobian_is_that_of_finite_differences() {
         ] {
             let at = DVec3::from_array(at);
             let mut points = Points::splat(at);
-            let mut determinants = [0.0; LANES];
-            chain.to_source_with_jacobian(&mut points, &mut determinants);
+            let determinants = chain.to_source_with_jacobian(&mut points).value;
             assert!((points.get(3) - source_of(&chain, at)).length() < 1e-11);
             let step = 1e-5;
             let slope = |axis: DVec3| {
@@ -486,8 +487,7 @@ fn an_audit_tells_the_worst_of_all_voxels() {
             for (z, y, x) in ndarray::indices((nz, ny, nx)) {
                 let at = DVec3::new(x as f64, y as f64, z as f64);
                 let mut points = Points::splat(at);
-                let mut determinants = [1.0; LANES];
-                chain.to_source_with_jacobian(&mut points, &mut determinants);
+                let determinants = chain.to_source_with_jacobian(&mut points).value;
                 let moved = ((points.get(0) - at) * full.spacing()).length();
                 least = least.min(determinants[0]);
                 furthest = furthest.max(moved);
@@ -505,6 +505,46 @@ fn an_audit_tells_the_worst_of_all_voxels() {
             assert!(least < 0.9 && outside > 0.5);
         }
     }
+}
+
+#[test]
+fn single_precision_misses_no_tile_that_holds_an_extreme() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut between =
+        |low: f64, high: f64| low + (high - low) * f64::from(rng.next_u32()) / f64::from(u32::MAX);
+    let near = grid();
+    // Where coordinates are large, and voxels small.
+    let far = Grid::axis_aligned([520, 50, 40], [0.17, 0.6, 1.1]).unwrap();
+    let mut worst = 0.0_f64;
+    for case in 0..40 {
+        let full = Lattice::full(if case % 4 == 3 { &far } else { &near });
+        let mut any = |reach: f64| [0; 3].map(|_| between(-reach, reach));
+        let mut stages = Vec::new();
+        let mut source = moved(any(3.0));
+        for _ in 0..=case % 3 {
+            let reach = [0.3, 8.0, 40.0][case % 3];
+            let start = source;
+            let target = line(
+                start.root.0 + DVec3::from_array(any(reach / 4.0)),
+                start.tip.0 + DVec3::from_array(any(reach)),
+            );
+            let [by, _, _] = any(0.5);
+            stages.push(match case % 5 {
+                0 => lee2001(start, target, &full),
+                1 => both_of_a_point(start, target)[case % 2].clone(),
+                2 => lee2001(start, target, &full).holding((0..9).map(|_| {
+                    let at = DVec3::from_array(any(40.0)) + 45.0;
+                    Segment::new(at, at + DVec3::from_array(any(20.0)))
+                })),
+                _ => local(start, target, 1.0 + by, &full),
+            });
+            source = target;
+        }
+        let nose = taper(&preoperative(), &source).nose;
+        let chain = Chain::new(stages);
+        worst = worst.max(WarpAudit::screening_is_off_by(&chain, &full, &nose));
+    }
+    assert!(worst < 0.1, "{worst}");
 }
 
 #[test]
@@ -677,8 +717,7 @@ fn further_lines_that_hold_still_are_part_of_the_sum() {
                 / (2.0 * step)
         };
         let expected = DMat3::from_cols(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
-        let mut determinants = [1.0; LANES];
-        chain.to_source_with_jacobian(&mut Points::splat(at), &mut determinants);
+        let determinants = chain.to_source_with_jacobian(&mut Points::splat(at)).value;
         assert!((determinants[0] / expected.determinant() - 1.0).abs() < 1e-5);
         let exact = Field::evaluated(full, &chain, Evaluation::Exact);
         let adaptive = Field::evaluated(full, &chain, adaptive_mm(0.5));
