@@ -189,9 +189,10 @@ fn adaptive_is_within_the_tolerance_at_every_voxel() {
                 _ => error.position_max_mm,
             };
             assert!(found <= tolerance, "{plan}: {found}");
-            // In the box of model `local` the map bends too much for a cell of 8 voxels a side to be interpolated.
+            // In the box of model `local` the map bends too much for a cell of 8 voxels a side to be interpolated: what is
+            // off there is single precision.
             let interpolated = plan.contains("lee2001");
-            assert_eq!(found > 0.0, interpolated, "{plan}: {found}");
+            assert_eq!(found > 1e-4, interpolated, "{plan}: {found}");
         }
     }
 }

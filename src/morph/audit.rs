@@ -14,11 +14,10 @@ use serde::{Deserialize, Serialize};
 
 use super::chain::{Chain, Lattice, VoxelBox};
 use super::field::{Field, Scratch};
-use super::real::{larger, smaller};
 use super::tile::{TILE, Tile, tiles_of};
 use super::{LANES, Points};
 use crate::feature::NoseBox;
-use crate::simd::{Kernel, Simd};
+use crate::simd::{Kernel, Simd, larger, smaller};
 use crate::volume::{Sample, Trilinear, Volume};
 
 /// What a chain of stages does, over every voxel of a lattice.

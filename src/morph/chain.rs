@@ -2,9 +2,10 @@
 
 use glam::DVec3;
 
+use super::Points;
 use super::bounds::{Bend, Bounds};
 use super::stage::{Determinants, StageMap};
-use super::{Points, Real};
+use crate::simd::Real;
 use crate::space::{Grid, GridPoint};
 
 /// Voxel centres in grid millimetres of the full-size volume: its own, or those of half its size.
@@ -139,7 +140,7 @@ impl Chain {
 
     /// Moves target positions to their sources, in place. The last operation is undone first.
     #[inline(always)]
-    pub fn to_source(&self, points: &mut Points) {
+    pub fn to_source<F: Real>(&self, points: &mut Points<F>) {
         for stage in self.moving().rev() {
             stage.to_source(points);
         }

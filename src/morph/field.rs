@@ -23,6 +23,23 @@ pub enum Evaluation {
     },
 }
 
+/// The least tolerance, as a share of the lattice's longest side, beside which single precision does not count: a position
+/// of it is off by less than a twentieth of this (half a unit in its last place is 2⁻²⁴, and its displacement a few).
+const SINGLE_DOES: f64 = 4e-5;
+
+impl Evaluation {
+    /// Whether single precision is enough on a lattice.
+    fn is_rough(&self, on: &Lattice) -> bool {
+        match self {
+            Self::Exact => false,
+            Self::Adaptive { tolerance, metric } => {
+                let longest = on.dims().into_iter().max().unwrap_or_default() as f64;
+                *tolerance >= SINGLE_DOES * longest * metric.max_element()
+            }
+        }
+    }
+}
+
 /// Where every voxel of a lattice comes from.
 #[derive(Debug)]
 pub struct Field<'a> {
@@ -85,6 +102,14 @@ impl<'a> Field<'a> {
         &self.lattice
     }
 
+    /// Whether positions may be in single precision: where the tolerance is far above what that is off by.
+    pub(super) fn is_rough(&self) -> bool {
+        match &self.kind {
+            Kind::Evaluated(evaluation) => evaluation.is_rough(&self.lattice),
+            Kind::Upsampled(_) => false,
+        }
+    }
+
     /// The voxels outside which nothing moves.
     pub fn support(&self) -> VoxelBox {
         self.chain.support(&self.lattice)
@@ -119,24 +144,28 @@ impl Kernel for FillTile<'_, '_> {
             scratch,
             tile,
         } = self;
+        let moves_all = field.chain.moves_all(&tile.voxels());
+        let rough = field.is_rough();
         match &field.kind {
-            Kind::Evaluated(Evaluation::Exact) => {
-                exact::fill(field.chain, tile);
-                return;
-            }
+            Kind::Evaluated(Evaluation::Exact) => return exact::fill::<f64>(field.chain, tile),
             // At the rim of what moves, what does not is told apart voxel by voxel anyway.
-            Kind::Evaluated(Evaluation::Adaptive { .. })
-                if !field.chain.moves_all(&tile.voxels()) =>
-            {
-                exact::fill(field.chain, tile);
-                return;
+            Kind::Evaluated(Evaluation::Adaptive { .. }) if !moves_all => {
+                return match rough {
+                    true => exact::fill::<f32>(field.chain, tile),
+                    false => exact::fill::<f64>(field.chain, tile),
+                };
             }
             Kind::Evaluated(Evaluation::Adaptive { tolerance, metric }) => {
-                octree::fill(field.chain, *tolerance, *metric, &mut scratch.octree, tile);
+                let (chain, scratch) = (field.chain, &mut scratch.octree);
+                // Called where they are, so that they are inlined.
+                match rough {
+                    true => octree::fill::<f32>(chain, *tolerance, *metric, scratch, tile),
+                    false => octree::fill::<f64>(chain, *tolerance, *metric, scratch, tile),
+                }
             }
             Kind::Upsampled(coarse) => coarse.fill(&mut scratch.upsample, tile),
         }
-        if !field.chain.moves_all(&tile.voxels()) {
+        if !moves_all {
             for offset in tile.offsets() {
                 let index = tile.index(offset);
                 if !field.chain.moves(index) {

@@ -27,7 +27,6 @@ pub mod inverse;
 mod octree;
 pub mod pair;
 mod points;
-mod real;
 pub mod reference;
 pub mod stage;
 mod tile;
@@ -39,7 +38,6 @@ mod tests;
 pub use chain::{Chain, Lattice};
 pub use field::{Evaluation, Field};
 pub use points::{LANES, Points};
-pub use real::Real;
 pub use tile::TILE;
 
 /// Added to every distance before it is inverted (paper equation 3; method section 3). In the units of

@@ -23,6 +23,7 @@ use super::bounds::Bend;
 use super::chain::Chain;
 use super::tile::{TILE, Tile, row_of, trilinear};
 use super::{LANES, Points};
+use crate::simd::Real;
 
 /// The share of the tolerance that the points checked in a cell far from every line may use. Over wild
 /// lines (two random segments through the nose, 618 runs) no voxel was off by more than the tolerance
@@ -148,9 +149,9 @@ impl Scratch {
 }
 
 /// Fills `tile` with source positions that are within `tolerance` of the exact ones; distances are
-/// measured after multiplying the axes by `metric`.
+/// measured after multiplying the axes by `metric`. Cells that do not pass are mapped in a precision.
 #[inline(always)]
-pub(super) fn fill(
+pub(super) fn fill<F: Real>(
     chain: &Chain,
     tolerance: f64,
     metric: DVec3,
@@ -183,7 +184,7 @@ pub(super) fn fill(
             continue;
         }
         if half < LEAST {
-            exact(chain, tile, at, side, dims);
+            exact::<F>(chain, tile, at, side, dims);
             continue;
         }
         for child in 0..8 {
@@ -196,17 +197,17 @@ pub(super) fn fill(
 
 /// Maps every voxel of a cell, as many rows at a time as fill the lanes.
 #[inline(always)]
-fn exact(chain: &Chain, tile: &mut Tile, at: [usize; 3], side: usize, dims: [usize; 3]) {
+fn exact<F: Real>(chain: &Chain, tile: &mut Tile, at: [usize; 3], side: usize, dims: [usize; 3]) {
     let first = tile.index(at);
     let rows = LANES / side;
     let count = |axis: usize| side.min(dims[axis] - at[axis]);
     for z in 0..count(2) {
         for y in (0..count(1)).step_by(rows) {
-            let mut points = Points::ZERO;
+            let mut points = Points::<F>::zero();
             for lane in 0..LANES {
-                points.x[lane] = first.x + (lane % side) as f64;
-                points.y[lane] = first.y + (y + lane / side) as f64;
-                points.z[lane] = first.z + z as f64;
+                points.x[lane] = F::of(first.x + (lane % side) as f64);
+                points.y[lane] = F::of(first.y + (y + lane / side) as f64);
+                points.z[lane] = F::of(first.z + z as f64);
             }
             chain.to_source(&mut points);
             let lanes = points.x.chunks(side).zip(points.y.chunks(side));
@@ -214,9 +215,7 @@ fn exact(chain: &Chain, tile: &mut Tile, at: [usize; 3], side: usize, dims: [usi
             for (row, ((px, py), pz)) in lanes.enumerate().take(count(1) - y) {
                 // Voxels past the tile's end mean nothing: a row has room for them.
                 let to = Tile::row(at[1] + y + row, at[2] + z).start + at[0];
-                tile.x[to..to + side].copy_from_slice(px);
-                tile.y[to..to + side].copy_from_slice(py);
-                tile.z[to..to + side].copy_from_slice(pz);
+                tile.put(to..to + side, px, py, pz);
             }
         }
     }

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-use super::real::{Real, Vector, larger, smaller};
 use crate::feature::LineError;
+use crate::simd::{Real, Vector, larger, smaller};
 
 /// Two vectors closer to parallel than this (sine of their angle) give no cross product to build a frame on.
 const PARALLEL_TOLERANCE: f64 = 1e-9;

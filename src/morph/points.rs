@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::Real;
+use crate::simd::Real;
 
 /// Positions handled at once. Two rows of eight: a tile's row, and enough for any vector unit.
 pub const LANES: usize = 16;

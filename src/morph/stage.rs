@@ -13,10 +13,10 @@
 use glam::DVec3;
 
 use super::pair::{Frame, PairMap, Segment};
-use super::real::{Real, Vector, larger, size, smaller};
 use super::reference::LineSum;
 use super::{Chain, EPSILON, LANES, Lattice, Points};
 use crate::feature::{Cage, FeatureKind, FeatureLine, LineError, NoseBox};
+use crate::simd::{Real, Vector, larger, size, smaller};
 use crate::space::GridPoint;
 
 /// Below this a distance is zero as far as its direction is concerned: the gradient there is taken as zero.
@@ -192,26 +192,26 @@ impl StageMap {
 
     /// Moves target positions (lattice voxels) to their sources, in place.
     #[inline(always)]
-    pub fn to_source(&self, points: &mut Points) {
+    pub fn to_source<F: Real>(&self, points: &mut Points<F>) {
         let units = self.units_of(points);
         let strength = self.strength(&units);
-        let PairMap {
-            origin,
-            linear: m,
-            shift,
-        } = self.pair;
-        let (back_x, back_y, back_z) = (1.0 / self.scale.x, 1.0 / self.scale.y, 1.0 / self.scale.z);
+        let m = self.pair.linear;
+        let mx: Vector<F> = Vector::of(m.x_axis);
+        let my: Vector<F> = Vector::of(m.y_axis);
+        let mz: Vector<F> = Vector::of(m.z_axis);
+        let (origin, shift) = (Vector::of(self.pair.origin), Vector::of(self.pair.shift));
+        let back: Vector<F> = Vector::of(1.0 / self.scale);
         for lane in 0..LANES {
             let x = units.x[lane] - origin.x;
             let y = units.y[lane] - origin.y;
             let z = units.z[lane] - origin.z;
             let s = strength[lane];
-            let gx = m.x_axis.x * x + m.y_axis.x * y + m.z_axis.x * z + shift.x;
-            let gy = m.x_axis.y * x + m.y_axis.y * y + m.z_axis.y * z + shift.y;
-            let gz = m.x_axis.z * x + m.y_axis.z * y + m.z_axis.z * z + shift.z;
-            points.x[lane] += s * gx * back_x;
-            points.y[lane] += s * gy * back_y;
-            points.z[lane] += s * gz * back_z;
+            let gx = mx.x * x + my.x * y + mz.x * z + shift.x;
+            let gy = mx.y * x + my.y * y + mz.y * z + shift.y;
+            let gz = mx.z * x + my.z * y + mz.z * z + shift.z;
+            points.x[lane] += s * gx * back.x;
+            points.y[lane] += s * gy * back.y;
+            points.z[lane] += s * gz * back.z;
         }
     }
 
@@ -229,25 +229,28 @@ impl StageMap {
 
     /// t·λ at positions in the model's units.
     #[inline(always)]
-    fn strength(&self, units: &Points) -> [f64; LANES] {
-        let f1 = self.f1.measure::<f64>();
-        let (lo, hi) = (self.cage.min, self.cage.max);
+    fn strength<F: Real>(&self, units: &Points<F>) -> [F; LANES] {
+        let f1 = self.f1.measure::<F>();
+        let lo: Vector<F> = Vector::of(self.cage.min);
+        let hi: Vector<F> = Vector::of(self.cage.max);
+        let (none, one) = (F::of(0.0), F::of(1.0));
+        let epsilon = F::of(EPSILON);
         let further = self.further_weights(units);
-        let mut strength = [0.0; LANES];
+        let mut strength = [none; LANES];
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
             let (rx, ry, rz) = f1.offset_of(x, y, z);
-            let reach = (rx * rx + ry * ry + rz * rz).sqrt() + EPSILON;
+            let reach = (rx * rx + ry * ry + rz * rz).sqrt() + epsilon;
 
             let beyond_x = outside(x, lo.x, hi.x);
             let beyond_z = outside(z, lo.z, hi.z);
             let (bx2, bz2) = (beyond_x * beyond_x, beyond_z * beyond_z);
             let (x_lo2, x_hi2) = ((x - lo.x) * (x - lo.x), (x - hi.x) * (x - hi.x));
             let (z_lo2, z_hi2) = ((z - lo.z) * (z - lo.z), (z - hi.z) * (z - hi.z));
-            let by_face = |face: f64| {
+            let by_face = |face: F| {
                 let y2 = (y - face) * (y - face);
-                let weight = |distance2: f64| {
-                    let reach = distance2.sqrt() + EPSILON;
+                let weight = |distance2: F| {
+                    let reach = distance2.sqrt() + epsilon;
                     reach * reach
                 };
                 inverse_sum(
@@ -259,16 +262,18 @@ impl StageMap {
             };
             let held = by_face(lo.y) + by_face(hi.y) + further[lane];
             // w₁ / (w₁ + Σ) with numerator and denominator multiplied by (d₁ + ε)².
-            strength[lane] = 1.0 / (1.0 + reach * reach * held);
+            strength[lane] = one / (one + reach * reach * held);
         }
         if let Some(taper) = &self.taper {
-            let (lo, hi) = (taper.nose.min.0, taper.nose.max.0);
+            let lo: Vector<F> = Vector::of(taper.nose.min.0);
+            let hi: Vector<F> = Vector::of(taper.nose.max.0);
+            let margin = F::of(taper.margin_mm);
             for lane in 0..LANES {
                 let out_x = outside(units.x[lane], lo.x, hi.x);
                 let out_y = outside(units.y[lane], lo.y, hi.y);
                 let out_z = outside(units.z[lane], lo.z, hi.z);
                 let away = (out_x * out_x + out_y * out_y + out_z * out_z).sqrt();
-                strength[lane] *= fade(smaller(away / taper.margin_mm, 1.0));
+                strength[lane] *= fade(smaller(away / margin, one));
             }
         }
         strength
@@ -276,14 +281,14 @@ impl StageMap {
 
     /// Σ (d + ε)⁻² over the lines that hold still beside f2..f9.
     #[inline(always)]
-    fn further_weights(&self, units: &Points) -> [f64; LANES] {
-        let mut weights = [0.0; LANES];
+    fn further_weights<F: Real>(&self, units: &Points<F>) -> [F; LANES] {
+        let mut weights = [F::of(0.0); LANES];
         for line in &self.held {
-            let line = line.measure::<f64>();
+            let line = line.measure::<F>();
             for lane in 0..LANES {
                 let (rx, ry, rz) = line.offset_of(units.x[lane], units.y[lane], units.z[lane]);
-                let reach = (rx * rx + ry * ry + rz * rz).sqrt() + EPSILON;
-                weights[lane] += 1.0 / (reach * reach);
+                let reach = (rx * rx + ry * ry + rz * rz).sqrt() + F::of(EPSILON);
+                weights[lane] += F::of(1.0) / (reach * reach);
             }
         }
         weights
@@ -315,11 +320,9 @@ impl StageMap {
         let units = self.units_of(points);
         let (strength, gradient) = self.strength_and_gradient(&units);
         let m = self.pair.linear;
-        let (mx, my, mz): (Vector<F>, Vector<F>, Vector<F>) = (
-            Vector::of(m.x_axis),
-            Vector::of(m.y_axis),
-            Vector::of(m.z_axis),
-        );
+        let mx: Vector<F> = Vector::of(m.x_axis);
+        let my: Vector<F> = Vector::of(m.y_axis);
+        let mz: Vector<F> = Vector::of(m.z_axis);
         let largest_m = m
             .to_cols_array()
             .into_iter()
@@ -369,8 +372,8 @@ impl StageMap {
     #[inline(always)]
     fn strength_and_gradient<F: Real>(&self, units: &Points<F>) -> ([F; LANES], Points<F>) {
         let f1 = self.f1.measure::<F>();
-        let (lo, hi): (Vector<F>, Vector<F>) =
-            (Vector::of(self.cage.min), Vector::of(self.cage.max));
+        let lo: Vector<F> = Vector::of(self.cage.min);
+        let hi: Vector<F> = Vector::of(self.cage.max);
         let mut strength = [F::of(0.0); LANES];
         let mut gradient = Points::zero();
         let further = self.further_gradients(units);
@@ -400,8 +403,8 @@ impl StageMap {
             gradient.z[lane] = slope(f1.z, held.z);
         }
         if let Some(taper) = &self.taper {
-            let (lo, hi): (Vector<F>, Vector<F>) =
-                (Vector::of(taper.nose.min.0), Vector::of(taper.nose.max.0));
+            let lo: Vector<F> = Vector::of(taper.nose.min.0);
+            let hi: Vector<F> = Vector::of(taper.nose.max.0);
             let margin = F::of(taper.margin_mm);
             for lane in 0..LANES {
                 let out_x = beyond(units.x[lane], lo.x, hi.x);
@@ -446,15 +449,15 @@ impl<F: Real> Determinants<F> {
 /// 1/a + 1/b + 1/c + 1/d, with a single division: most of what a position costs are roots and divisions. Squares of
 /// distances within a volume, so that no product leaves the range of `f64`.
 #[inline(always)]
-fn inverse_sum(a: f64, b: f64, c: f64, d: f64) -> f64 {
+fn inverse_sum<F: Real>(a: F, b: F, c: F, d: F) -> F {
     let (ab, cd) = (a * b, c * d);
     ((a + b) * cd + (c + d) * ab) / (ab * cd)
 }
 
 /// Distance by which a coordinate lies outside an interval.
 #[inline(always)]
-fn outside(at: f64, lo: f64, hi: f64) -> f64 {
-    larger(larger(lo - at, at - hi), 0.0)
+fn outside<F: Real>(at: F, lo: F, hi: F) -> F {
+    larger(larger(lo - at, at - hi), F::of(0.0))
 }
 
 /// Signed distance by which a coordinate lies outside an interval; 0 inside.

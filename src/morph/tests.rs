@@ -508,6 +508,41 @@ fn an_audit_tells_the_worst_of_all_voxels() {
 }
 
 #[test]
+fn a_tolerance_decides_on_the_precision() {
+    let full = Lattice::full(&grid());
+    let chain = Chain::from(local(preoperative(), moved([3.0, 4.0, -2.0]), 1.0, &full));
+    let volume = textured();
+    let within = |tolerance: f64| {
+        let metric = DVec3::ONE;
+        Field::evaluated(full, &chain, Evaluation::Adaptive { tolerance, metric })
+    };
+    let exact = Field::evaluated(full, &chain, Evaluation::Exact);
+    assert!(!exact.is_rough() && !within(0.0039).is_rough() && within(0.0041).is_rough());
+    // At the rim, and where the map bends most, every voxel is mapped for itself, nearly as exactly.
+    let off = FieldDifference::new(&volume, &exact, &within(0.0041));
+    assert!(
+        off.position_max_voxels > 0.0 && off.position_max_voxels <= 0.0041,
+        "{off:?}"
+    );
+    assert_eq!(
+        FieldDifference::new(&volume, &exact, &within(0.0)),
+        FieldDifference::default()
+    );
+    // What does not move is not touched in any precision.
+    let rough = warp(&volume, &within(0.1));
+    let support = exact.support();
+    for ((z, y, x), sample) in rough.samples().indexed_iter() {
+        let index = DVec3::new(x as f64, y as f64, z as f64);
+        if !support.holds([x, y, z]) || !chain.moves(index) {
+            assert_eq!(*sample, volume.samples()[[z, y, x]]);
+        }
+    }
+    let precise = warp(&volume, &exact);
+    let mut apart = rough.as_slice().iter().zip(precise.as_slice());
+    assert!(apart.any(|(a, b)| a != b));
+}
+
+#[test]
 fn single_precision_misses_no_tile_that_holds_an_extreme() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut between =

@@ -1,10 +1,13 @@
 //! Source positions for a small block of voxels, and the blocks that cover a box.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use ndarray::{ArrayViewMut3, Axis};
 
 use super::chain::VoxelBox;
 use super::{LANES, Points};
+use crate::simd::{Real, Vector};
 
 /// Side of a tile, in voxels: a row is [`LANES`] positions.
 pub const TILE: usize = LANES;
@@ -57,7 +60,7 @@ impl Tile {
 
     /// Place in the arrays of the row at (y, z) from the tile's start.
     #[inline]
-    pub(super) fn row(y: usize, z: usize) -> std::ops::Range<usize> {
+    pub(super) fn row(y: usize, z: usize) -> Range<usize> {
         let start = (z * TILE + y) * TILE;
         start..start + TILE
     }
@@ -65,23 +68,42 @@ impl Tile {
     /// The source positions of the row at (y, z) from the tile's start, by axis. Those past the tile's end mean
     /// nothing.
     #[inline(always)]
-    pub(super) fn lanes(&self, y: usize, z: usize) -> Option<Points> {
+    pub(super) fn lanes<F: Real>(&self, y: usize, z: usize) -> Option<Points<F>> {
+        let mut points = Points::zero();
         if let Some(corners) = &self.cell {
             let (first, along) = row_of(corners, TILE, y, z);
-            let mut points = Points::ZERO;
+            let (first, along): (Vector<F>, Vector<F>) = (Vector::of(first), Vector::of(along));
             for lane in 0..LANES {
-                points.x[lane] = first.x + along.x * lane as f64;
-                points.y[lane] = first.y + along.y * lane as f64;
-                points.z[lane] = first.z + along.z * lane as f64;
+                let place = F::of(lane as f64);
+                points.x[lane] = first.x + along.x * place;
+                points.y[lane] = first.y + along.y * place;
+                points.z[lane] = first.z + along.z * place;
             }
             return Some(points);
         }
         let row = Self::row(y, z);
-        Some(Points {
-            x: *one_row(&self.x, &row)?,
-            y: *one_row(&self.y, &row)?,
-            z: *one_row(&self.z, &row)?,
-        })
+        let x = one_row(&self.x, &row)?;
+        let y = one_row(&self.y, &row)?;
+        let z = one_row(&self.z, &row)?;
+        for lane in 0..LANES {
+            points.x[lane] = F::of(x[lane]);
+            points.y[lane] = F::of(y[lane]);
+            points.z[lane] = F::of(z[lane]);
+        }
+        Some(points)
+    }
+
+    /// Puts positions of neighbouring voxels of a row into their places.
+    #[inline(always)]
+    pub(super) fn put<F: Real>(&mut self, places: Range<usize>, x: &[F], y: &[F], z: &[F]) {
+        let put = |to: &mut [f64], from: &[F]| {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = from.to_f64();
+            }
+        };
+        put(&mut self.x[places.clone()], x);
+        put(&mut self.y[places.clone()], y);
+        put(&mut self.z[places], z);
     }
 
     /// The source position of the voxel at an offset from the tile's start.
@@ -135,7 +157,7 @@ pub(super) fn row_of(corners: &[DVec3; 8], side: usize, y: usize, z: usize) -> (
     (first, (trilinear(corners, [1.0, v, w]) - first) * step)
 }
 
-fn one_row<'a>(axis: &'a [f64], row: &std::ops::Range<usize>) -> Option<&'a [f64; LANES]> {
+fn one_row<'a>(axis: &'a [f64], row: &Range<usize>) -> Option<&'a [f64; LANES]> {
     axis.get(row.clone())?.try_into().ok()
 }
 

@@ -1,12 +1,14 @@
 //! A volume sampled through a field.
 
+use std::marker::PhantomData;
+
 use ndarray::ArrayViewMut3;
 use rayon::prelude::*;
 
 use super::LANES;
 use super::field::{Field, Scratch};
 use super::tile::{Tile, split_into_tiles};
-use crate::simd::{Kernel, Simd};
+use crate::simd::{Kernel, Real, Simd};
 use crate::volume::{Sample, Spares, Trilinear, Volume};
 
 /// The volume whose every voxel takes the value that `source` has at the position that `field` gives it.
@@ -27,6 +29,7 @@ pub fn warp_with<T: Sample>(source: &Volume<T>, field: &Field<'_>, spares: &Spar
     let anything = all.then(anything).flatten();
     let mut warped = anything.unwrap_or_else(|| source.par_clone(spares));
     let sampler = Trilinear::new(source);
+    let rough = T::IS_SHORT && field.is_rough() && u32::try_from(source.grid().len()).is_ok();
     split_into_tiles(warped.samples_mut(), field.support())
         .into_par_iter()
         .for_each_init(
@@ -34,24 +37,36 @@ pub fn warp_with<T: Sample>(source: &Volume<T>, field: &Field<'_>, spares: &Spar
             |(scratch, tile), (voxels, to)| {
                 field.fill(voxels, scratch, tile);
                 // Taking loaded pairs apart costs wider vectors more than it gains.
-                Simd::widest().narrow().run(SampleTile {
-                    sampler: &sampler,
-                    tile,
-                    to,
-                });
+                let simd = Simd::widest().narrow();
+                match rough {
+                    true => simd.run(SampleTile::<T, f32>::new(&sampler, tile, to)),
+                    false => simd.run(SampleTile::<T, f64>::new(&sampler, tile, to)),
+                }
             },
         );
     warped
 }
 
-/// One tile of a volume, sampled at its source positions.
-struct SampleTile<'a, T> {
+/// One tile of a volume, sampled at its source positions in a precision.
+struct SampleTile<'a, T, F> {
     sampler: &'a Trilinear<'a, T>,
     tile: &'a Tile,
     to: ArrayViewMut3<'a, T>,
+    precision: PhantomData<F>,
 }
 
-impl<T: Sample> Kernel for SampleTile<'_, T> {
+impl<'a, T, F> SampleTile<'a, T, F> {
+    fn new(sampler: &'a Trilinear<'a, T>, tile: &'a Tile, to: ArrayViewMut3<'a, T>) -> Self {
+        Self {
+            sampler,
+            tile,
+            to,
+            precision: PhantomData,
+        }
+    }
+}
+
+impl<T: Sample, F: Real> Kernel for SampleTile<'_, T, F> {
     type Output = ();
 
     #[inline(always)]
@@ -60,13 +75,13 @@ impl<T: Sample> Kernel for SampleTile<'_, T> {
         // Rounding takes a position between corners no further than a fraction of the voxel that they are from the rim.
         let corners = self.tile.corners();
         let is_inside = corners.is_some_and(|at| at.iter().all(|&at| self.sampler.holds(at)));
-        let mut home = [0.0; LANES];
+        let mut home = [F::of(0.0); LANES];
         for (lane, home) in home.iter_mut().enumerate() {
-            *home = (x0 + lane) as f64;
+            *home = F::of((x0 + lane) as f64);
         }
         for (z, mut plane) in self.to.outer_iter_mut().enumerate() {
             for (y, to) in plane.outer_iter_mut().enumerate() {
-                let (Some(from), Some(to)) = (self.tile.lanes(y, z), to.into_slice()) else {
+                let (Some(from), Some(to)) = (self.tile.lanes::<F>(y, z), to.into_slice()) else {
                     continue;
                 };
                 let values = if is_inside {
@@ -76,14 +91,14 @@ impl<T: Sample> Kernel for SampleTile<'_, T> {
                 };
                 let mut row = [T::default(); LANES];
                 for lane in 0..LANES {
-                    row[lane] = T::from_interpolated(values[lane]);
+                    row[lane] = T::from_real(values[lane]);
                 }
                 if T::BLENDS_EXACTLY {
                     let count = to.len().min(LANES);
                     to.copy_from_slice(&row[..count]);
                     continue;
                 }
-                let (home_y, home_z) = ((y0 + y) as f64, (z0 + z) as f64);
+                let (home_y, home_z) = (F::of((y0 + y) as f64), F::of((z0 + z) as f64));
                 for (lane, to) in to.iter_mut().enumerate() {
                     let unmoved = (from.x[lane] == home[lane])
                         & (from.y[lane] == home_y)

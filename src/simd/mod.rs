@@ -17,6 +17,7 @@
 )]
 
 mod load;
+mod real;
 mod round;
 
 use std::env;
@@ -26,6 +27,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use crate::text::shown;
 pub use load::pairs;
+pub use real::{Real, Vector, larger, size, smaller};
 pub use round::round_within;
 
 /// Which of all instructions are tried, counted from 1; 0 where none are.

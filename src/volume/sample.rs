@@ -6,7 +6,7 @@ use bytemuck::Pod;
 use serde::Serialize;
 
 use super::{AnyVolume, Volume};
-use crate::simd::round_within;
+use crate::simd::{Real, round_within};
 
 /// The name of a sample type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -67,12 +67,21 @@ pub trait Sample: Pod + Default + PartialOrd + Send + Sync + fmt::Debug {
     /// infinite or none, and not beyond 53 bits.
     const BLENDS_EXACTLY: bool;
 
+    /// Whether it is an integer of at most 16 bits, of which single precision blends some to a ten-thousandth.
+    const IS_SHORT: bool;
+
     /// The value, to compute with. Integers beyond 2⁵³ are rounded to the nearest `f64`.
     fn to_f64(self) -> f64;
 
     /// The nearest value of this type: integers are rounded half away from zero and clamped to the
     /// type's range, floats are kept.
     fn from_interpolated(value: f64) -> Self;
+
+    /// The same of a value in any precision, which is rounded in that where it holds all values of this type.
+    #[inline(always)]
+    fn from_real<F: Real>(value: F) -> Self {
+        Self::from_interpolated(value.to_f64())
+    }
 
     /// The value as stored, little endian.
     fn le_bytes(self) -> impl AsRef<[u8]> + AsMut<[u8]>;
@@ -82,10 +91,11 @@ pub trait Sample: Pod + Default + PartialOrd + Send + Sync + fmt::Debug {
 }
 
 macro_rules! sample_type {
-    ($type:ty, $variant:ident, $mean:ty, $exact:literal, $value:ident => $from:expr) => {
+    ($type:ty, $variant:ident, $mean:ty, $exact:literal, $value:ident => $from:expr $(, $short:ty)?) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
             const BLENDS_EXACTLY: bool = $exact;
+            const IS_SHORT: bool = $exact && size_of::<Self>() <= 2;
             type Mean = $mean;
 
             #[inline(always)]
@@ -106,6 +116,13 @@ macro_rules! sample_type {
             fn wrap(volume: Volume<Self>) -> AnyVolume {
                 AnyVolume::$variant(volume)
             }
+
+            $(
+                #[inline(always)]
+                fn from_real<F: Real>(value: F) -> Self {
+                    round_within::<F, { <$short>::MIN as i32 }, { <$short>::MAX as i32 }>(value) as Self
+                }
+            )?
         }
     };
 }
@@ -141,10 +158,10 @@ macro_rules! round_by {
     }};
 }
 
-sample_type!(u8, U8, f32, true, value => round_within::<{ u8::MIN as i32 }, { u8::MAX as i32 }>(value) as Self);
-sample_type!(i8, I8, f32, true, value => round_within::<{ i8::MIN as i32 }, { i8::MAX as i32 }>(value) as Self);
-sample_type!(u16, U16, f32, true, value => round_within::<{ u16::MIN as i32 }, { u16::MAX as i32 }>(value) as Self);
-sample_type!(i16, I16, f32, true, value => round_within::<{ i16::MIN as i32 }, { i16::MAX as i32 }>(value) as Self);
+sample_type!(u8, U8, f32, true, value => Self::from_real(value), u8);
+sample_type!(i8, I8, f32, true, value => Self::from_real(value), i8);
+sample_type!(u16, U16, f32, true, value => Self::from_real(value), u16);
+sample_type!(i16, I16, f32, true, value => Self::from_real(value), i16);
 sample_type!(u32, U32, f64, true, value => round_by!(value, u32));
 sample_type!(i32, I32, f64, true, value => round_by!(value, i32));
 sample_type!(u64, U64, f64, false, value => value.round() as Self);
