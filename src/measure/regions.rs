@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::MeasureError;
 use super::cells::cells;
-use super::sheet::{Content, Rows, Sheets, Stack};
+use super::sheet::{Content, Sheets, Slices, Stack};
 use crate::feature::Landmarks;
 use crate::space::{Grid, GridPoint};
 use crate::volume::{Sample, Volume};
@@ -127,7 +127,11 @@ pub(super) fn measure<T: Sample>(
     let sheets = Sheets::new(volume, base, skin_hu, lines_per_voxel);
     let contents: Vec<Content> = stacks
         .par_iter()
-        .map_init(Rows::default, |rows, stack| sheets.content(stack, rows))
+        // Neighbours share slices.
+        .with_min_len(4)
+        .map_init(Slices::default, |slices, stack| {
+            sheets.content(stack, slices)
+        })
         .collect();
     // In the order of the stacks, whatever thread measured them.
     let mut voxels = [0.0; REGIONS];

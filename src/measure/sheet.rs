@@ -33,19 +33,31 @@ pub(super) struct Content {
     pub bad: Option<([usize; 3], f64)>,
 }
 
-/// Room for the rows around a strip, kept between the stacks that one thread measures.
+/// What one thread knows of the slices around a stack: the next one shares most of them.
 #[derive(Debug, Default)]
-pub(super) struct Rows {
+pub(super) struct Slices {
+    /// That of z at z modulo 4: a stack's taps are neighbours.
+    planes: [Plane; 4],
     near: Row,
     far: Row,
+}
+
+/// The rows of one slice that are looked at.
+#[derive(Debug, Default)]
+struct Plane {
+    z: Option<usize>,
+    /// Depths below the threshold's, row after row.
+    depths: Vec<f64>,
+    /// What holds at each voxel.
+    deep: Vec<u8>,
+    has_tissue: bool,
+    has_air: bool,
 }
 
 /// One row along x of the four slices around a stack.
 #[derive(Debug, Default)]
 struct Row {
     y: Option<usize>,
-    /// Depths below the threshold's, slice after slice.
-    depths: [Vec<f64>; 4],
     /// What holds in all four slices, for each voxel along x.
     all: Vec<u8>,
 }
@@ -53,7 +65,7 @@ struct Row {
 /// Between these depths, in all four slices, every sheet is inside: the cubic that blends them has weights below 0 of
 /// together at most an eighth, so that it is at least 9/8 of the least less 1/8 of the most.
 const DEEP: std::ops::RangeInclusive<f64> = 1.0..=8.0;
-/// The bit of [`Row::all`] for this, and for the same in air.
+/// The bit of [`Plane::deep`] for this, and for the same in air.
 const ALL_DEEP: u8 = 1;
 const ALL_OUTSIDE: u8 = 2;
 
@@ -75,6 +87,8 @@ pub(super) struct Sheets<'a, T> {
     skin_depth: f64,
     across: Vec<Cell>,
     deep: Vec<Cell>,
+    /// Rows that are looked at: so many from the first.
+    rows: usize,
     /// Where lines are laid through a whole pixel along x.
     lines: Vec<Lines>,
     lines_per_voxel: usize,
@@ -104,31 +118,56 @@ impl<'a, T: Sample> Sheets<'a, T> {
                 count: some.len(),
             }
         });
+        let deep: Vec<Cell> = cells(ny, f64::NEG_INFINITY, base).collect();
+        let last = deep
+            .iter()
+            .flat_map(|cell| [cell.taps[1], cell.taps[2]])
+            .max();
         Self {
             samples: volume.as_slice(),
             dims,
+            rows: last.map_or(0, |last| last + 1),
             rescale: volume.rescale(),
             skin_depth: depth(skin_hu),
             across: cells(nx, f64::NEG_INFINITY, f64::INFINITY).collect(),
-            deep: cells(ny, f64::NEG_INFINITY, base).collect(),
+            deep,
             lines: lines.collect(),
             lines_per_voxel,
         }
     }
 
     /// The tissue in a stack.
-    pub fn content(&self, stack: &Stack, rows: &mut Rows) -> Content {
+    pub fn content(&self, stack: &Stack, slices: &mut Slices) -> Content {
         Simd::widest().run(ContentOf {
             sheets: self,
             stack,
-            rows,
+            slices,
         })
     }
 
     /// The tissue between two rows, in pixels, of all sheets together: its length along lines parallel to y, on
     /// which depth goes evenly from row to row.
     #[inline(always)]
-    fn strip(&self, deep: &Cell, sheets: &[[f64; 4]], near: &Row, far: &Row) -> f64 {
+    fn strip(
+        &self,
+        deep: &Cell,
+        sheets: &[[f64; 4]],
+        planes: [&Plane; 4],
+        near: &Row,
+        far: &Row,
+    ) -> f64 {
+        let [nx, ..] = self.dims;
+        let row_of = |plane: usize, row: &Row| {
+            let begin = row.y.unwrap_or_default() * nx;
+            planes[plane]
+                .depths
+                .get(begin..begin + nx)
+                .unwrap_or_default()
+        };
+        let mut depths: [[&[f64]; 2]; 4] = [[&[]; 2]; 4];
+        for (slice, depths) in depths.iter_mut().enumerate() {
+            *depths = [row_of(slice, near), row_of(slice, far)];
+        }
         let mut tissue = 0.0;
         for across in &self.across {
             let [_, first, second, _] = across.taps;
@@ -147,8 +186,7 @@ impl<'a, T: Sample> Sheets<'a, T> {
             }
             // Four taps of the near row, then four of the far one, of each slice.
             let mut taps = [[0.0; 8]; 4];
-            for (slice, taps) in taps.iter_mut().enumerate() {
-                let (near, far) = (&near.depths[slice], &far.depths[slice]);
+            for (taps, [near, far]) in taps.iter_mut().zip(depths) {
                 for (place, &x) in across.taps.iter().enumerate() {
                     taps[place] = near.get(x).copied().unwrap_or_default();
                     taps[place + 4] = far.get(x).copied().unwrap_or_default();
@@ -178,29 +216,33 @@ impl<'a, T: Sample> Sheets<'a, T> {
         tissue
     }
 
-    /// Depths of row `y` of the slices around a stack.
+    /// Depths of a slice, or the first voxel that cannot be computed with.
     #[inline(always)]
-    fn load(&self, stack: &Stack, y: usize, row: &mut Row) -> Result<(), ([usize; 3], f64)> {
+    fn load(&self, z: usize, plane: &mut Plane) -> Result<(), ([usize; 3], f64)> {
         let [nx, ny, _] = self.dims;
-        row.y = Some(y);
-        row.all.clear();
-        row.all.resize(nx, ALL_DEEP | ALL_OUTSIDE);
-        for (depths, z) in row.depths.iter_mut().zip(stack.cell.taps) {
-            let start = (z * ny + y) * nx;
-            let samples = self.samples.get(start..start + nx).unwrap_or_default();
-            depths.clear();
-            depths.resize(nx, 0.0);
-            let mut sound = true;
-            for ((to, all), &sample) in depths.iter_mut().zip(&mut row.all).zip(samples) {
-                let hu = self.rescale.to_hu(sample.to_f64());
-                sound &= hu.abs() <= LARGEST_HU;
-                let depth = depth(hu) - self.skin_depth;
-                *to = depth;
-                let deep = (depth >= *DEEP.start()) & (depth <= *DEEP.end());
-                let outside = (-depth >= *DEEP.start()) & (-depth <= *DEEP.end());
-                *all &= (u8::from(deep) * ALL_DEEP) | (u8::from(outside) * ALL_OUTSIDE);
-            }
-            if !sound {
+        let begin = z * ny * nx;
+        let samples = self
+            .samples
+            .get(begin..begin + self.rows * nx)
+            .unwrap_or_default();
+        plane.z = None;
+        plane.depths.resize(samples.len(), 0.0);
+        plane.deep.resize(samples.len(), 0);
+        let (mut sound, mut tissue, mut air) = (true, false, false);
+        let places = plane.depths.iter_mut().zip(&mut plane.deep);
+        for ((to, all), &sample) in places.zip(samples) {
+            let hu = self.rescale.to_hu(sample.to_f64());
+            sound &= hu.abs() <= LARGEST_HU;
+            let depth = depth(hu) - self.skin_depth;
+            *to = depth;
+            tissue |= depth >= 0.0;
+            air |= depth < 0.0;
+            let deep = (depth >= *DEEP.start()) & (depth <= *DEEP.end());
+            let outside = (-depth >= *DEEP.start()) & (-depth <= *DEEP.end());
+            *all = (u8::from(deep) * ALL_DEEP) | (u8::from(outside) * ALL_OUTSIDE);
+        }
+        if !sound {
+            for y in 0..self.rows {
                 let mut all = self.row_hu(y, z).enumerate();
                 // Not a number is not at most anything.
                 if let Some((x, hu)) = all.find(|(_, hu)| hu.is_nan() || hu.abs() > LARGEST_HU) {
@@ -208,7 +250,23 @@ impl<'a, T: Sample> Sheets<'a, T> {
                 }
             }
         }
+        (plane.z, plane.has_tissue, plane.has_air) = (Some(z), tissue, air);
         Ok(())
+    }
+
+    /// What holds in all slices around a stack, in row `y`.
+    #[inline(always)]
+    fn look(&self, planes: [&Plane; 4], y: usize, row: &mut Row) {
+        let [nx, ..] = self.dims;
+        row.y = Some(y);
+        row.all.clear();
+        row.all.resize(nx, ALL_DEEP | ALL_OUTSIDE);
+        for plane in planes {
+            let deep = plane.deep.get(y * nx..(y + 1) * nx).unwrap_or_default();
+            for (all, deep) in row.all.iter_mut().zip(deep) {
+                *all &= deep;
+            }
+        }
     }
 
     /// HU of a row of a slice.
@@ -241,7 +299,7 @@ impl<'a, T: Sample> Sheets<'a, T> {
 struct ContentOf<'a, 'v, T> {
     sheets: &'a Sheets<'v, T>,
     stack: &'a Stack,
-    rows: &'a mut Rows,
+    slices: &'a mut Slices,
 }
 
 impl<T: Sample> Kernel for ContentOf<'_, '_, T> {
@@ -252,38 +310,47 @@ impl<T: Sample> Kernel for ContentOf<'_, '_, T> {
         let Self {
             sheets: all,
             stack,
-            rows,
+            slices,
         } = self;
         let mut content = Content::default();
         let sheets: Vec<[f64; 4]> = stack.cell.midpoints(stack.sheets).map(weights).collect();
-        rows.near.y = None;
-        rows.far.y = None;
+        let Slices { planes, near, far } = slices;
+        for z in stack.cell.taps {
+            let plane = &mut planes[z % 4];
+            if plane.z == Some(z) {
+                continue;
+            }
+            if let Err(bad) = all.load(z, plane) {
+                content.bad = Some(bad);
+                return content;
+            }
+        }
+        let [a, b, c, d] = stack.cell.taps;
+        let around = [
+            &planes[a % 4],
+            &planes[b % 4],
+            &planes[c % 4],
+            &planes[d % 4],
+        ];
+        for plane in [around[1], around[2]] {
+            content.has_tissue |= plane.has_tissue;
+            content.has_air |= plane.has_air;
+        }
+        near.y = None;
+        far.y = None;
         let mut area = 0.0;
         for deep in &all.deep {
-            let [_, near, far, _] = deep.taps;
+            let [_, y_near, y_far, _] = deep.taps;
             // The far row of one strip is the near row of the next.
-            if rows.near.y != Some(near) {
-                std::mem::swap(&mut rows.near, &mut rows.far);
+            if near.y != Some(y_near) {
+                std::mem::swap(near, far);
             }
-            for (row, y) in [(&mut rows.near, near), (&mut rows.far, far)] {
-                if row.y == Some(y) {
-                    continue;
-                }
-                if let Err(bad) = all.load(stack, y, row) {
-                    content.bad = Some(bad);
-                    return content;
-                }
-                for slice in [1, 2] {
-                    let (mut tissue, mut air) = (false, false);
-                    for depth in &row.depths[slice] {
-                        tissue |= *depth >= 0.0;
-                        air |= *depth < 0.0;
-                    }
-                    content.has_tissue |= tissue;
-                    content.has_air |= air;
+            for (row, y) in [(&mut *near, y_near), (&mut *far, y_far)] {
+                if row.y != Some(y) {
+                    all.look(around, y, row);
                 }
             }
-            area += all.strip(deep, &sheets, &rows.near, &rows.far);
+            area += all.strip(deep, &sheets, around, near, far);
         }
         content.tissue = area * stack.cell.length() / stack.sheets as f64;
         content
