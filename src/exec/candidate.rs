@@ -26,7 +26,7 @@ use crate::plan::{Candidate, Model, Plan, Stage};
 use crate::report::record::{CandidateRecord, Measures, OperationRecord, StageRecord};
 use crate::space::{Grid, GridPoint};
 use crate::surface::SeenSkin;
-use crate::volume::{Sample, Spares, Volume};
+use crate::volume::{Copies, Sample, Volume};
 
 /// What all candidates of a run share.
 pub(super) struct Bench<'a, T> {
@@ -39,8 +39,8 @@ pub(super) struct Bench<'a, T> {
     pub nrrd: OutputType,
     pub staging: &'a Staging,
     pub preoperative: &'a Volume<T>,
-    /// Memory for volumes, of those that are not needed any more.
-    pub spares: &'a Spares,
+    /// Copies of the preoperative volume, and memory for others.
+    pub copies: Copies<'a, T>,
     /// The record of the nose as it is.
     pub start: StageRecord,
     /// Where anything is computed that is drawn or meshed.
@@ -67,6 +67,7 @@ pub(super) struct Finished {
 
 /// A stage that was computed.
 struct Computed<T> {
+    operation: Operation,
     volume: Volume<T>,
     note: StageNote,
     tiles: Option<RgbImage>,
@@ -147,7 +148,7 @@ impl<T: Sample> Bench<'_, T> {
                     if self.plan.morph.model == Model::Lee2001 && !is_last {
                         before = Some(computed.volume);
                     } else {
-                        computed.volume.spare(self.spares);
+                        computed.operation.give_back(computed.volume, &self.copies);
                     }
                     computed.note
                 }
@@ -177,7 +178,7 @@ impl<T: Sample> Bench<'_, T> {
             let grid = self.preoperative.grid();
             let operation = Operation::new(self.plan, candidate, earlier, grid)?;
             let source = before.as_ref().unwrap_or(self.preoperative);
-            before = Some(operation.volume((self.preoperative, source), self.spares, at, clock)?);
+            before = Some(operation.volume(source, &self.copies, at, clock)?);
         }
         Ok(before)
     }
@@ -201,9 +202,10 @@ impl<T: Sample> Bench<'_, T> {
         let operation = Operation::new(self.plan, candidate, last, self.preoperative.grid())?;
         let source = before.as_ref().unwrap_or(self.preoperative);
         let at = place_of(candidate, stage);
-        let volume = operation.volume((self.preoperative, source), self.spares, at, clock)?;
+        let volume = operation.volume(source, &self.copies, at, clock)?;
         drop(before);
         let skin = self.skin(&volume, candidate, stage, clock)?;
+        operation.give_back(volume, &self.copies);
         if let Some(skin) = &skin {
             let depends_on = self.keys.skins.clone();
             hit.with_skin(self.staging, &skin.to_bytes(), depends_on)?;
@@ -240,7 +242,7 @@ impl<T: Sample> Bench<'_, T> {
         let mut warnings = Vec::new();
         let operation = Operation::new(plan, candidate, place, preoperative.grid())?;
         let source = before.as_ref().unwrap_or(preoperative);
-        let volume = operation.volume((preoperative, source), self.spares, at, clock)?;
+        let volume = operation.volume(source, &self.copies, at, clock)?;
         let adaptive_error = if compares(plan) {
             let compare = || operation.adaptive_error(preoperative, source);
             Some(clock.time(Phase::Compare, Some(at), compare)?)
@@ -298,6 +300,7 @@ impl<T: Sample> Bench<'_, T> {
             skin: None,
         };
         Ok(Computed {
+            operation,
             volume,
             note,
             tiles: drawn.tiles,

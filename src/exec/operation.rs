@@ -7,18 +7,18 @@ use super::events::{Phase, Place};
 use super::timings::Clock;
 use crate::feature::{Cage, LineError, NoseBox};
 use crate::morph::audit::{FieldDifference, WarpAudit};
-use crate::morph::chain::{Chain, Lattice};
+use crate::morph::chain::{Chain, Lattice, VoxelBox};
 use crate::morph::field::{Evaluation, Field};
 use crate::morph::halfscale::CoarseDisplacement;
 use crate::morph::inverse::{ClosedForm, Inverse, Sampled};
 use crate::morph::stage::{StageLines, StageMap, Taper};
-use crate::morph::warp::{warp, warp_with};
+use crate::morph::warp::{warp, warp_onto, warp_with};
 use crate::plan::{Candidate, Method, Model, Morph, Plan, Scale, Stage, Tolerance};
 use crate::resample::gaussian::upsample_with;
 use crate::resample::half;
 use crate::resample::half::HalfError;
 use crate::space::Grid;
-use crate::volume::{Sample, Spares, Volume, VolumeError};
+use crate::volume::{Copies, Sample, Volume, VolumeError};
 
 /// What a stage needs: the map of all stages so far, on the full lattice and, at half scale, on the half
 /// one; and for `lee2001`, which resamples stage by stage, the map of this stage alone.
@@ -79,11 +79,11 @@ impl Operation {
         })
     }
 
-    /// The volume after the stage, in memory that is at hand where there is any.
+    /// The volume after the stage: of the preoperative one, of which there are copies, or of the one before.
     pub(super) fn volume<T: Sample>(
         &self,
-        (preoperative, before): (&Volume<T>, &Volume<T>),
-        spares: &Spares,
+        before: &Volume<T>,
+        copies: &Copies<'_, T>,
         place: Place<'_>,
         clock: &mut Clock<'_>,
     ) -> Result<Volume<T>, RunError> {
@@ -91,16 +91,17 @@ impl Operation {
         match (self.morph.model, self.morph.scale) {
             (Model::Local { .. }, Scale::Full) => Ok(clock.time(Phase::Morph, at, || {
                 let evaluation = self.evaluation(&self.full);
-                warp_with(preoperative, &self.evaluated(evaluation), spares)
+                let field = self.evaluated(evaluation);
+                warp_onto(copies.take(), copies.original(), &field)
             })),
             (Model::Local { .. }, Scale::Half) => clock.time(Phase::Morph, at, || {
                 let field = self.upsampled(self.evaluation(&self.half))?;
-                Ok(warp_with(preoperative, &field, spares))
+                Ok(warp_onto(copies.take(), copies.original(), &field))
             }),
             (Model::Lee2001, Scale::Full) => Ok(clock.time(Phase::Morph, at, || {
                 let evaluation = self.evaluation(&self.full);
                 let field = Field::evaluated(self.full, &self.own, evaluation);
-                warp_with(before, &field, spares)
+                warp_with(before, &field, copies.spares())
             })),
             (Model::Lee2001, Scale::Half) => {
                 let coarse = clock.time(Phase::Half, at, || half::half(before))?;
@@ -110,10 +111,22 @@ impl Operation {
                 });
                 drop(coarse);
                 let full = clock.time(Phase::Upsample, at, || {
-                    upsample_with::<T>(&warped, before.grid(), before.rescale(), spares)
+                    let (grid, rescale) = (before.grid(), before.rescale());
+                    upsample_with::<T>(&warped, grid, rescale, copies.spares())
                 })?;
                 Ok(full)
             }
+        }
+    }
+
+    /// Gives back a volume of [`Operation::volume`] that is of no further use.
+    pub(super) fn give_back<T: Sample>(&self, volume: Volume<T>, copies: &Copies<'_, T>) {
+        match self.morph.model {
+            Model::Local { .. } => {
+                let VoxelBox { start, end } = self.composed.support(&self.full);
+                copies.give(volume, [0, 1, 2].map(|axis| start[axis]..end[axis]));
+            }
+            Model::Lee2001 => volume.spare(copies.spares()),
         }
     }
 

@@ -38,7 +38,7 @@ use crate::report::record::{
 use crate::report::{csv, markdown};
 use crate::segment::segment;
 use crate::space::{Grid, GridPoint};
-use crate::volume::{Mask, Rescale, Sample, Spares, Volume};
+use crate::volume::{Copies, Mask, Rescale, Sample, Spares, Volume};
 use crate::with_volume;
 
 /// A finished run.
@@ -370,7 +370,7 @@ fn compute<T: Sample>(
         ),
         staging: to.staging,
         preoperative,
-        spares: &input.spares,
+        copies: Copies::new(preoperative, &input.spares),
         start: start.record(PREOPERATIVE, None),
         surfaces,
         skins,

@@ -27,7 +27,17 @@ pub fn warp_with<T: Sample>(source: &Volume<T>, field: &Field<'_>, spares: &Spar
     let all = T::BLENDS_EXACTLY && field.support().dims() == source.grid().dims();
     let anything = || Volume::any_samples(source.grid().clone(), source.rescale(), spares).ok();
     let anything = all.then(anything).flatten();
-    let mut warped = anything.unwrap_or_else(|| source.par_clone(spares));
+    let target = anything.unwrap_or_else(|| source.par_clone(spares));
+    warp_onto(target, source, field)
+}
+
+/// As [`warp`], put onto a volume of the same size: all of the field's support is written, nothing else. Where
+/// samples are not blended exactly, what does not move is left as it is there.
+pub fn warp_onto<T: Sample>(
+    mut warped: Volume<T>,
+    source: &Volume<T>,
+    field: &Field<'_>,
+) -> Volume<T> {
     let sampler = Trilinear::new(source);
     let rough = T::IS_SHORT && field.is_rough() && u32::try_from(source.grid().len()).is_ok();
     split_into_tiles(warped.samples_mut(), field.support())

@@ -3,6 +3,7 @@
 //! Samples keep the file's own type; [`Rescale`] says what they mean in Hounsfield units. So a volume
 //! that nothing changes is written back bit for bit.
 
+mod copies;
 mod mask;
 mod pages;
 mod sample;
@@ -15,6 +16,7 @@ use thiserror::Error;
 
 use crate::space::Grid;
 
+pub use copies::Copies;
 pub use mask::Mask;
 pub use pages::{room, untouched_zeros};
 pub use sample::{Sample, SampleType};
