@@ -221,6 +221,18 @@ mod tests {
             .collect()
     }
 
+    /// Bytes that do not compress.
+    fn noise(len: usize) -> Vec<u8> {
+        let mut state = 1_u64;
+        let bytes = (0..len).map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            state as u8
+        });
+        bytes.collect()
+    }
+
     fn gzip(bytes: &[u8], piece: usize) -> Vec<u8> {
         let mut to = GzipWriter::new(Vec::new());
         for part in bytes.chunks(piece) {
@@ -260,15 +272,7 @@ mod tests {
 
     #[test]
     fn noise_that_does_not_shrink_comes_back() {
-        let mut state = 1_u64;
-        let bytes: Vec<u8> = (0..3 * BLOCK)
-            .map(|_| {
-                state ^= state << 13;
-                state ^= state >> 7;
-                state ^= state << 17;
-                state as u8
-            })
-            .collect();
+        let bytes = noise(3 * BLOCK);
         assert!(gunzip(&gzip(&bytes, BLOCK)) == bytes);
     }
 
@@ -340,15 +344,7 @@ mod tests {
 
     #[test]
     fn noise_is_packed_at_once_into_little_more() {
-        let mut state = 1_u64;
-        let bytes: Vec<u8> = (0..BLOCK)
-            .map(|_| {
-                state ^= state << 13;
-                state ^= state >> 7;
-                state ^= state << 17;
-                state as u8
-            })
-            .collect();
+        let bytes = noise(BLOCK);
         let packed = pack_whole(&bytes[..300], &bytes[300..]).unwrap();
         assert!(gunzip(&packed) == bytes && packed.len() < bytes.len() + 1000);
     }
