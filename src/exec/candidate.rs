@@ -38,7 +38,6 @@ pub(super) struct Bench<'a, T> {
     /// How samples are written as NRRD: the same at every stage, whose values lie among the CT's.
     pub nrrd: OutputType,
     pub staging: &'a Staging,
-    pub preoperative: &'a Volume<T>,
     /// Copies of the preoperative volume, and memory for others.
     pub copies: Copies<'a, T>,
     /// The record of the nose as it is.
@@ -82,6 +81,11 @@ struct Examined<'a> {
 }
 
 impl<T: Sample> Bench<'_, T> {
+    /// The volume that candidates are made of.
+    pub(super) fn preoperative(&self) -> &Volume<T> {
+        self.copies.original()
+    }
+
     /// Computes or keeps a candidate of the plan, by its place in it.
     pub(super) fn candidate(
         &self,
@@ -175,9 +179,9 @@ impl<T: Sample> Bench<'_, T> {
         }
         for earlier in 0..place {
             let at = place_of(candidate, &candidate.stages[earlier]);
-            let grid = self.preoperative.grid();
+            let grid = self.preoperative().grid();
             let operation = Operation::new(self.plan, candidate, earlier, grid)?;
-            let source = before.as_ref().unwrap_or(self.preoperative);
+            let source = before.as_ref().unwrap_or(self.preoperative());
             before = Some(operation.volume(source, &self.copies, at, clock)?);
         }
         Ok(before)
@@ -195,12 +199,12 @@ impl<T: Sample> Bench<'_, T> {
         let name = stage_name(candidate, last);
         if hit.found().skin == self.keys.skins {
             let bytes = kept::read_beside(self.staging, &name, Beside::Skin)?;
-            return Ok(SeenSkin::from_bytes(self.preoperative.grid(), &bytes));
+            return Ok(SeenSkin::from_bytes(self.preoperative().grid(), &bytes));
         }
         let stage = &candidate.stages[last];
         let before = self.volume_before(candidate, last, clock)?;
-        let operation = Operation::new(self.plan, candidate, last, self.preoperative.grid())?;
-        let source = before.as_ref().unwrap_or(self.preoperative);
+        let operation = Operation::new(self.plan, candidate, last, self.preoperative().grid())?;
+        let source = before.as_ref().unwrap_or(self.preoperative());
         let at = place_of(candidate, stage);
         let volume = operation.volume(source, &self.copies, at, clock)?;
         drop(before);
@@ -236,7 +240,7 @@ impl<T: Sample> Bench<'_, T> {
         before: Option<Volume<T>>,
         clock: &mut Clock<'_>,
     ) -> Result<Computed<T>, RunError> {
-        let (plan, preoperative) = (self.plan, self.preoperative);
+        let (plan, preoperative) = (self.plan, self.preoperative());
         let stage = &candidate.stages[place];
         let at = place_of(candidate, stage);
         let mut warnings = Vec::new();

@@ -369,7 +369,6 @@ fn compute<T: Sample>(
             record.hu_range,
         ),
         staging: to.staging,
-        preoperative,
         copies: Copies::new(preoperative, &input.spares),
         start: start.record(PREOPERATIVE, None),
         surfaces,
@@ -541,7 +540,7 @@ fn finish<T: Sample>(
                 }
             })
             .collect();
-        let grid = bench.preoperative.grid();
+        let grid = bench.preoperative().grid();
         clock.time(Phase::Charts, None, || {
             write_charts(staging, plan, grid, &candidates)?;
             let records: Vec<&CandidateRecord> = candidates.iter().map(|of| of.record).collect();

@@ -46,26 +46,22 @@ impl WarpAudit {
     pub fn new(chain: &Chain, lattice: &Lattice, nose: &NoseBox) -> Self {
         let simd = Simd::widest();
         let around = Around::new(lattice, nose);
-        let tiles = tiles_of(chain.support(lattice));
-        let screen = |&voxels: &VoxelBox| {
-            simd.run(ScreenTile {
-                chain,
-                around: &around,
-                voxels,
-            })
+        let under = |voxels| TileUnder {
+            chain,
+            around: &around,
+            voxels,
         };
+        let tiles: Vec<TileUnder<'_>> = tiles_of(chain.support(lattice))
+            .into_iter()
+            .map(under)
+            .collect();
+        let screen = |&tile: &TileUnder<'_>| simd.run(ScreenTile(tile));
         let screened: Vec<Screened> = tiles.par_iter().map(screen).collect();
-        let least = Screened::all(&screened);
+        let all = Screened::all(&screened);
         let tiles = tiles.into_par_iter().zip(screened);
         tiles
-            .filter(|(_, screened)| screened.may_hold(&least))
-            .map(|(voxels, _)| {
-                simd.run(AuditTile {
-                    chain,
-                    around: &around,
-                    voxels,
-                })
-            })
+            .filter(|(_, screened)| screened.may_hold(&all))
+            .map(|(tile, _)| simd.run(AuditTile(tile)))
             .reduce(|| Self::IDENTITY, Self::worst)
     }
 
@@ -108,22 +104,26 @@ impl WarpAudit {
 }
 
 /// One tile of voxels under a chain.
-struct AuditTile<'a> {
+#[derive(Clone, Copy)]
+struct TileUnder<'a> {
     chain: &'a Chain,
     around: &'a Around,
     voxels: VoxelBox,
 }
+
+/// A look at one, in double precision.
+struct AuditTile<'a>(TileUnder<'a>);
 
 impl Kernel for AuditTile<'_> {
     type Output = WarpAudit;
 
     #[inline(always)]
     fn run(self) -> WarpAudit {
-        let Self {
+        let TileUnder {
             chain,
             around,
             voxels,
-        } = self;
+        } = self.0;
         let lanes = voxels.end[0] - voxels.start[0];
         let mut extremes = Extremes::NONE;
         for z in voxels.start[2]..voxels.end[2] {
@@ -189,23 +189,19 @@ impl Screened {
     }
 }
 
-/// One tile of voxels under a chain, roughly.
-struct ScreenTile<'a> {
-    chain: &'a Chain,
-    around: &'a Around,
-    voxels: VoxelBox,
-}
+/// A look at one, in single precision.
+struct ScreenTile<'a>(TileUnder<'a>);
 
 impl Kernel for ScreenTile<'_> {
     type Output = Screened;
 
     #[inline(always)]
     fn run(self) -> Screened {
-        let Self {
+        let TileUnder {
             chain,
             around,
             voxels,
-        } = self;
+        } = self.0;
         let lanes = voxels.end[0] - voxels.start[0];
         let spacing = around.spacing.as_vec3();
         let between = |low: f64, at: f64, high: f64| (at >= low) & (at <= high);
@@ -273,16 +269,13 @@ impl WarpAudit {
         let around = &Around::new(lattice, nose);
         let tiles = tiles_of(chain.support(lattice)).into_par_iter();
         let shares = tiles.map(|voxels| {
-            let screened = Simd::widest().run(ScreenTile {
+            let tile = TileUnder {
                 chain,
                 around,
                 voxels,
-            });
-            let exact = Simd::widest().run(AuditTile {
-                chain,
-                around,
-                voxels,
-            });
+            };
+            let screened = Simd::widest().run(ScreenTile(tile));
+            let exact = Simd::widest().run(AuditTile(tile));
             let share = |[low, high]: [f64; 2], most: f64, exact: f64| {
                 assert!(high.is_finite());
                 2.0 * (((low + high) / 2.0).min(most) - exact).abs() / (high - low)
@@ -368,7 +361,7 @@ fn difference(before: &Points, after: &Points, steps: usize, axis: usize) -> Poi
         return Points::splat(DVec3::AXES[axis]);
     }
     let share = 1.0 / steps as f64;
-    let mut change = Points::ZERO;
+    let mut change = Points::zero();
     for lane in 0..LANES {
         change.x[lane] = (after.x[lane] - before.x[lane]) * share;
         change.y[lane] = (after.y[lane] - before.y[lane]) * share;

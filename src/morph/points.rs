@@ -33,7 +33,7 @@ impl<F: Real> Points<F> {
 
     /// All at the origin.
     #[inline(always)]
-    pub(super) fn zero() -> Self {
+    pub fn zero() -> Self {
         Self {
             x: [F::of(0.0); LANES],
             y: [F::of(0.0); LANES],
@@ -43,13 +43,6 @@ impl<F: Real> Points<F> {
 }
 
 impl Points {
-    /// All at the origin.
-    pub const ZERO: Self = Self {
-        x: [0.0; LANES],
-        y: [0.0; LANES],
-        z: [0.0; LANES],
-    };
-
     /// Every lane at one position.
     pub fn splat(at: DVec3) -> Self {
         Self {
