@@ -273,7 +273,9 @@ impl StageMap {
                 let out_y = outside(units.y[lane], lo.y, hi.y);
                 let out_z = outside(units.z[lane], lo.z, hi.z);
                 let away = (out_x * out_x + out_y * out_y + out_z * out_z).sqrt();
-                strength[lane] *= fade(smaller(away / margin, one));
+                let s = away / margin;
+                // In single precision what is just beyond the margin may seem just within.
+                strength[lane] *= fade(if s < one - F::SLACK { s } else { one });
             }
         }
         strength

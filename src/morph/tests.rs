@@ -9,12 +9,13 @@ use rand_chacha::rand_core::{RngCore, SeedableRng};
 
 use super::audit::{FieldDifference, WarpAudit};
 use super::chain::{Chain, Lattice};
-use super::field::{Evaluation, Field};
+use super::field::{Evaluation, Field, Scratch};
 use super::halfscale::CoarseDisplacement;
 use super::inverse::{ClosedForm, Forward, Inverse, Sampled, TOLERANCE};
 use super::pair::{Frame, Segment};
 use super::reference::LineSum;
 use super::stage::{StageLines, StageMap, Taper};
+use super::tile::{Tile, tiles_of};
 use super::warp::warp;
 use super::{EPSILON, LANES, Points};
 use crate::feature::{Cage, FeatureKind, FeatureLine, Landmarks, NoseBox};
@@ -535,6 +536,15 @@ fn a_tolerance_decides_on_the_precision() {
         let index = DVec3::new(x as f64, y as f64, z as f64);
         if !support.holds([x, y, z]) || !chain.moves(index) {
             assert_eq!(*sample, volume.samples()[[z, y, x]]);
+        }
+    }
+    let mut scratch = Scratch::new();
+    let mut tile = Tile::new();
+    for voxels in tiles_of(support) {
+        within(0.1).fill(voxels, &mut scratch, &mut tile);
+        for offset in tile.offsets() {
+            let index = tile.index(offset);
+            assert!(chain.moves(index) || tile.get(offset) == index);
         }
     }
     let precise = warp(&volume, &exact);

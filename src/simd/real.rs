@@ -31,6 +31,9 @@ pub trait Real:
     /// 1.5 · 2⁵², or 2²³: the sum of this and a number of fewer than 32 bits, or 22, is a whole number, rounded to nearest.
     const WHOLE: Self;
 
+    /// How near to 1 a share may be that is 1 but for what its operands were rounded by.
+    const SLACK: Self;
+
     /// The nearest number.
     fn of(value: f64) -> Self;
 
@@ -47,6 +50,8 @@ pub trait Real:
 
 impl Real for f64 {
     const WHOLE: Self = 6_755_399_441_055_744.0;
+
+    const SLACK: Self = 0.0;
 
     #[inline(always)]
     fn of(value: f64) -> Self {
@@ -72,6 +77,8 @@ impl Real for f64 {
 
 impl Real for f32 {
     const WHOLE: Self = 12_582_912.0;
+
+    const SLACK: Self = 1e-5;
 
     #[inline(always)]
     fn of(value: f64) -> Self {
