@@ -122,7 +122,7 @@ fn apart(a: &Chain, b: &Chain, voxels: &[DVec3]) -> Residual {
     let mut sum = 0.0;
     let (mut largest, mut worst) = (0.0, DVec3::ZERO);
     for voxels in voxels.chunks(LANES) {
-        let mut to_a = Points::zero();
+        let mut to_a: Points = Points::zero();
         for (lane, &at) in voxels.iter().enumerate() {
             to_a.set(lane, at);
         }

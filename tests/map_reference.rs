@@ -111,7 +111,7 @@ fn both_models_are_those_of_an_independent_implementation() {
     for row in rows.deserialize() {
         let (plan, x, y, z, sx, sy, sz): (String, f64, f64, f64, f64, f64, f64) = row.unwrap();
         let (at, expected) = (DVec3::new(x, y, z), DVec3::new(sx, sy, sz));
-        let mut points = Points::splat(at);
+        let mut points: Points = Points::splat(at);
         match plan.as_str() {
             "local" => local.to_source(&mut points),
             _ => lee2001.to_source(&mut points),

@@ -324,15 +324,17 @@ impl Kernel for AuditFieldTile<'_> {
         let mut extremes = Extremes::NONE;
         let (ys, zs) = (range(1), range(2));
         for z in zs {
+            let (under, over) = (z.saturating_sub(1), (z + 1).min(nz - 1));
+            let plane = tile.plane(z);
+            let (plane_under, plane_over) = (tile.plane(under), tile.plane(over));
             for y in ys.clone() {
                 let (above, below) = (y.saturating_sub(1), (y + 1).min(ny - 1));
-                let (under, over) = (z.saturating_sub(1), (z + 1).min(nz - 1));
                 let (Some(here), Some(above_row), Some(below_row), Some(under_row), Some(over_row)) = (
-                    tile.lanes(y, z),
-                    tile.lanes(above, z),
-                    tile.lanes(below, z),
-                    tile.lanes(y, under),
-                    tile.lanes(y, over),
+                    plane.row(y),
+                    plane.row(above),
+                    plane.row(below),
+                    plane_under.row(y),
+                    plane_over.row(y),
                 ) else {
                     continue;
                 };

@@ -9,6 +9,7 @@ use glam::DVec3;
 
 use super::EPSILON;
 use super::stage::{StageMap, Taper, fade};
+use super::still::Sums;
 use crate::space::GridPoint;
 
 /// Largest |t'| and |t''| of the fade from 1 to 0 over a unit of length, along any direction: 15/8 and
@@ -58,6 +59,7 @@ struct Factor {
 impl StageMap {
     /// Whether the ball of `radius` about `centre`, in the model's units, is far from all nine lines and
     /// small for the fade.
+    #[inline(always)]
     pub(super) fn is_far(&self, centre: DVec3, radius: f64) -> bool {
         let far = |distance: f64| distance - radius >= FAR * radius;
         let small = |taper: &Taper| {
@@ -66,10 +68,11 @@ impl StageMap {
         };
         self.taper.as_ref().is_none_or(small)
             && far(self.f1.distance(centre))
-            && self.still().all(|line| far(line.distance(centre)))
+            && far(self.still.nearest(centre))
     }
 
     /// Bounds over the ball of `radius` about `centre`, in the model's units.
+    #[inline(always)]
     pub(super) fn bounds(&self, centre: DVec3, radius: f64) -> Bounds {
         let fade = self.taper.as_ref().map_or(
             Factor {
@@ -89,45 +92,64 @@ impl StageMap {
         let curvature = fade.value * lambda.curvature
             + 2.0 * fade.slope * lambda.slope
             + fade.curvature * lambda.value;
-        let linear = self.pair.linear;
-        let stretch = (linear.x_axis.length_squared()
-            + linear.y_axis.length_squared()
-            + linear.z_axis.length_squared())
-        .sqrt();
-        let pull = self.pair.displacement(centre).length() + stretch * radius;
+        let stretch = self.stretch();
+        let pull = self.pull_bound(centre, radius);
         Bounds {
             lipschitz: 1.0 + value * stretch + slope * pull,
             curvature: curvature * pull + 2.0 * slope * stretch,
         }
     }
 
+    /// How far Σ (d + ε)⁻² over the lines that hold still may be off within the ball of `radius` about `centre` so that no
+    /// position is off by more than `off`, all in the model's units.
+    ///
+    /// With q = r₁² and the sum H, λ = 1/(1 + q·H) and |∂λ/∂H| = q/(1 + q·H)², at most 1/(4·H).
+    #[inline(always)]
+    pub(super) fn sum_tolerance(&self, centre: DVec3, radius: f64, off: f64) -> f64 {
+        let f1 = self.f1.distance(centre);
+        let (r_min, r_max) = ((f1 - radius).max(0.0) + EPSILON, f1 + radius + EPSILON);
+        let least = self.still.sums(centre, radius).least;
+        let scale = 1.0 / (1.0 + r_min * r_min * least);
+        let slope = (0.25 / least).min(r_max * r_max * scale * scale);
+        off / (slope * self.pull_bound(centre, radius))
+    }
+
+    /// The largest displacement by f1's map alone over the ball.
+    #[inline(always)]
+    fn pull_bound(&self, centre: DVec3, radius: f64) -> f64 {
+        self.pair.displacement(centre).length() + self.stretch() * radius
+    }
+
+    /// The Frobenius norm of the linear part of f1's map.
+    fn stretch(&self) -> f64 {
+        let linear = self.pair.linear;
+        let columns = [linear.x_axis, linear.y_axis, linear.z_axis];
+        columns
+            .map(DVec3::length_squared)
+            .iter()
+            .sum::<f64>()
+            .sqrt()
+    }
+
+    #[inline(always)]
     fn lambda_bounds(&self, centre: DVec3, radius: f64) -> Factor {
         let f1 = self.f1.distance(centre);
-        let nearest = (f1 - radius).max(0.0);
-        let (r_min, r_max) = (nearest + EPSILON, f1 + radius + EPSILON);
-        // Σ r⁻² at its least, and Σ r⁻², Σ r⁻³, Σ r⁻⁴ at their most.
-        let mut least = 0.0;
-        let (mut s2, mut s3, mut s4) = (0.0, 0.0, 0.0);
-        let mut touches = nearest <= EPSILON;
-        for line in self.still() {
-            let distance = line.distance(centre);
-            let nearest = (distance - radius).max(0.0);
-            // Nearer than ε the second derivative of the distance outweighs the rest.
-            touches |= nearest <= EPSILON;
-            let far = distance + radius + EPSILON;
-            least += 1.0 / (far * far);
-            let near = 1.0 / (nearest + EPSILON);
-            s2 += near * near;
-            s3 += near * near * near;
-            s4 += near * near * near * near;
-        }
+        let nearest_f1 = (f1 - radius).max(0.0);
+        let (r_min, r_max) = (nearest_f1 + EPSILON, f1 + radius + EPSILON);
+        let Sums {
+            nearest,
+            least,
+            most: [s2, s3, s4],
+        } = self.still.sums(centre, radius);
+        let nearest = (nearest - radius).max(0.0);
         let rho_min = r_min * r_min * least;
         let scale = 1.0 / (1.0 + rho_min);
         let rho_slope = 2.0 * r_max * s2 + 2.0 * r_max * r_max * s3;
-        let rho_curvature = if touches {
+        // Nearer than ε the second derivative of the distance outweighs the rest.
+        let rho_curvature = if nearest_f1.min(nearest) <= EPSILON {
             f64::INFINITY
         } else {
-            2.0 * (1.0 + EPSILON / nearest) * s2 + 8.0 * r_max * s3 + 6.0 * r_max * r_max * s4
+            2.0 * (1.0 + EPSILON / nearest_f1) * s2 + 8.0 * r_max * s3 + 6.0 * r_max * r_max * s4
         };
         Factor {
             value: scale,

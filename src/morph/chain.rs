@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::Points;
 use super::bounds::{Bend, Bounds};
 use super::stage::{Determinants, StageMap};
+use super::still::CellSum;
 use crate::simd::Real;
 use crate::space::{Grid, GridPoint};
 
@@ -167,6 +168,7 @@ impl Chain {
     ///
     /// On a box of sides hₐ, trilinear interpolation of a function whose second derivative along any unit
     /// direction is at most M is off by at most M·Σhₐ²/8.
+    #[inline(always)]
     pub(super) fn bend(&self, at: DVec3, side: f64, metric: DVec3) -> Bend {
         let mut centre = at + DVec3::splat(side * 0.5);
         let mut radius = 0.0;
@@ -197,7 +199,7 @@ impl Chain {
             };
             if !is_last {
                 radius *= bounds.lipschitz;
-                let mut points = Points::splat(centre);
+                let mut points: Points = Points::splat(centre);
                 stage.to_source(&mut points);
                 centre = points.get(0);
             }
@@ -209,6 +211,30 @@ impl Chain {
         } else {
             Bend::Bounded(all.curvature * sides2 * 0.125 * to_metric)
         }
+    }
+
+    /// Sums the lines of a chain of one stage for a cell, so that no position in it is off by more than `off` for it, after
+    /// the axes are multiplied by `metric`. None where there are more stages, or none.
+    #[inline(always)]
+    pub(super) fn summed_in_cell<F: Real>(
+        &self,
+        at: DVec3,
+        side: f64,
+        metric: DVec3,
+        off: f64,
+        sum: &mut CellSum<F>,
+    ) -> Option<&StageMap> {
+        let mut stages = self.moving();
+        let stage = stages.next()?;
+        if stages.next().is_some() || stage.held.is_empty() {
+            return None;
+        }
+        let (first, sides) = (stage.to_units(at), stage.scale() * side);
+        let to_metric = (metric / stage.scale()).max_element();
+        let most_off =
+            stage.sum_tolerance(first + sides * 0.5, 0.5 * sides.length(), off / to_metric);
+        stage.held.in_cell(first, sides, most_off, sum);
+        Some(stage)
     }
 
     /// Whether the tissue at a lattice position may come from elsewhere. Where this is false,

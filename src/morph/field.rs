@@ -27,17 +27,24 @@ pub enum Evaluation {
 /// of it is off by less than a twentieth of this (half a unit in its last place is 2⁻²⁴, and its displacement a few).
 const SINGLE_DOES: f64 = 4e-5;
 
+/// The share of [`SINGLE_DOES`] that interpolated positions can be off by because of single precision: a twentieth each where
+/// they are interpolated and in the corners that they are interpolated from, and two where those were checked.
+const SINGLE_TAKES: f64 = 0.2;
+
 impl Evaluation {
     /// Whether single precision is enough on a lattice.
     fn is_rough(&self, on: &Lattice) -> bool {
         match self {
             Self::Exact => false,
-            Self::Adaptive { tolerance, metric } => {
-                let longest = on.dims().into_iter().max().unwrap_or_default() as f64;
-                *tolerance >= SINGLE_DOES * longest * metric.max_element()
-            }
+            Self::Adaptive { tolerance, metric } => *tolerance >= single_does(on, *metric),
         }
     }
+}
+
+/// The least tolerance on a lattice beside which single precision does not count.
+fn single_does(on: &Lattice, metric: DVec3) -> f64 {
+    let longest = on.dims().into_iter().max().unwrap_or_default() as f64;
+    SINGLE_DOES * longest * metric.max_element()
 }
 
 /// Where every voxel of a lattice comes from.
@@ -159,7 +166,10 @@ impl Kernel for FillTile<'_, '_> {
                 let (chain, scratch) = (field.chain, &mut scratch.octree);
                 // Called where they are, so that they are inlined.
                 match rough {
-                    true => octree::fill::<f32>(chain, *tolerance, *metric, scratch, tile),
+                    true => {
+                        let takes = SINGLE_TAKES * single_does(&field.lattice, *metric);
+                        octree::fill::<f32>(chain, *tolerance - takes, *metric, scratch, tile);
+                    }
                     false => octree::fill::<f64>(chain, *tolerance, *metric, scratch, tile),
                 }
             }

@@ -29,6 +29,7 @@ pub mod pair;
 mod points;
 pub mod reference;
 pub mod stage;
+mod still;
 mod tile;
 pub mod warp;
 

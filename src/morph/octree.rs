@@ -15,13 +15,17 @@
 //!   derivative ([`bounds`](super::bounds)). Interpolation over an eighth of the cell is off by at most
 //!   B/4, and it differs from interpolation over the cell by at most p: p + B/4 bounds the error.
 //!
-//! A cell of side [`LEAST`] that does not pass is mapped exactly, voxel by voxel.
+//! A cell of side [`LEAST`] that does not pass is mapped voxel by voxel: exactly, but that of lines beside f2..f9 those far from
+//! the cell are summed at its corners, and their sum is interpolated, where a bound on how far it is off allows that
+//! ([`still`](super::still)).
 
 use glam::DVec3;
 
 use super::bounds::Bend;
 use super::chain::Chain;
-use super::tile::{TILE, Tile, row_of, trilinear};
+use super::stage::StageMap;
+use super::still::CellSum;
+use super::tile::{CellPlane, CellRow, TILE, Tile, trilinear};
 use super::{LANES, Points};
 use crate::simd::Real;
 
@@ -29,6 +33,9 @@ use crate::simd::Real;
 /// lines (two random segments through the nose, 618 runs) no voxel was off by more than the tolerance
 /// with 0.6, 0.7 or 0.8, and one by 3 % more with 0.9.
 const FAR_SHARE: f64 = 0.6;
+
+/// The share of the tolerance that positions may be off by where the sum of far lines is interpolated.
+const SUM_SHARE: f64 = 0.5;
 
 /// The side of the smallest cell that is interpolated. Checking one asks for 35 positions and a bound on the map's second
 /// derivative, which is most of what all positions of a smaller one ask for.
@@ -67,10 +74,10 @@ impl Scratch {
 
     /// Maps those of the points that are not known yet.
     #[inline(always)]
-    fn ensure(&mut self, chain: &Chain, origin: DVec3, wanted: &[[usize; 3]]) {
+    fn ensure<F: Real>(&mut self, chain: &Chain, origin: DVec3, wanted: &[[usize; 3]]) {
         let mut batch = [0; LANES];
         let mut filled = 0;
-        let mut points = Points::splat(origin);
+        let mut points = Points::<F>::splat(origin);
         for &at in wanted {
             let place = Self::place(at);
             if self.known[place] {
@@ -96,7 +103,7 @@ impl Scratch {
     /// The exact corners of a cell, where interpolation from them meets its 19 further points and the
     /// centres of its eighths within `limit`.
     #[inline(always)]
-    fn corners_if_within(
+    fn corners_if_within<F: Real>(
         &mut self,
         chain: &Chain,
         origin: DVec3,
@@ -106,13 +113,13 @@ impl Scratch {
         limit: f64,
     ) -> Option<[DVec3; 8]> {
         let wanted = lattice_27(at, half);
-        self.ensure(chain, origin, &wanted);
+        self.ensure::<F>(chain, origin, &wanted);
         let corners = CORNERS.map(|place| self.get(wanted[place]));
         if !self.are_within(&corners, &wanted, at, half, metric, limit) {
             return None;
         }
         let centres = eighth_centres(at, half);
-        self.ensure(chain, origin, &centres);
+        self.ensure::<F>(chain, origin, &centres);
         let within = self.are_within(&corners, &centres, at, half, metric, limit);
         within.then_some(corners)
     }
@@ -140,7 +147,7 @@ impl Scratch {
     }
 
     #[inline(always)]
-    fn flush(&mut self, chain: &Chain, points: &mut Points, places: &[usize]) {
+    fn flush<F: Real>(&mut self, chain: &Chain, points: &mut Points<F>, places: &[usize]) {
         chain.to_source(points);
         for (lane, &place) in places.iter().enumerate() {
             self.positions[place] = points.get(lane);
@@ -149,7 +156,8 @@ impl Scratch {
 }
 
 /// Fills `tile` with source positions that are within `tolerance` of the exact ones; distances are
-/// measured after multiplying the axes by `metric`. Cells that do not pass are mapped in a precision.
+/// measured after multiplying the axes by `metric`. To the tolerance comes what a position of the precision is off by, up to
+/// four times.
 #[inline(always)]
 pub(super) fn fill<F: Real>(
     chain: &Chain,
@@ -160,6 +168,7 @@ pub(super) fn fill<F: Real>(
 ) {
     let origin = tile.index([0; 3]);
     let dims = tile.voxels().dims();
+    let mut sum = CellSum::<F>::new();
     scratch.known.fill(false);
     scratch.cells.clear();
     scratch.cells.push(([0; 3], ROOT));
@@ -173,7 +182,7 @@ pub(super) fn fill<F: Real>(
             Bend::Bounded(error) => tolerance - error * 0.25,
         };
         let corners = (limit >= 0.0)
-            .then(|| scratch.corners_if_within(chain, origin, at, half, metric, limit))
+            .then(|| scratch.corners_if_within::<F>(chain, origin, at, half, metric, limit))
             .flatten();
         if let Some(corners) = corners {
             if side == ROOT {
@@ -184,7 +193,21 @@ pub(super) fn fill<F: Real>(
             continue;
         }
         if half < LEAST {
-            exact::<F>(chain, tile, at, side, dims);
+            let stage = chain.summed_in_cell(
+                tile.index(at),
+                side as f64,
+                metric,
+                tolerance * SUM_SHARE,
+                &mut sum,
+            );
+            one_by_one(
+                chain,
+                stage.map(|stage| (stage, &sum)),
+                tile,
+                at,
+                side,
+                dims,
+            );
             continue;
         }
         for child in 0..8 {
@@ -197,7 +220,14 @@ pub(super) fn fill<F: Real>(
 
 /// Maps every voxel of a cell, as many rows at a time as fill the lanes.
 #[inline(always)]
-fn exact<F: Real>(chain: &Chain, tile: &mut Tile, at: [usize; 3], side: usize, dims: [usize; 3]) {
+fn one_by_one<F: Real>(
+    chain: &Chain,
+    summed: Option<(&StageMap, &CellSum<F>)>,
+    tile: &mut Tile,
+    at: [usize; 3],
+    side: usize,
+    dims: [usize; 3],
+) {
     let first = tile.index(at);
     let rows = LANES / side;
     let count = |axis: usize| side.min(dims[axis] - at[axis]);
@@ -209,7 +239,19 @@ fn exact<F: Real>(chain: &Chain, tile: &mut Tile, at: [usize; 3], side: usize, d
                 points.y[lane] = F::of(first.y + (y + lane / side) as f64);
                 points.z[lane] = F::of(first.z + z as f64);
             }
-            chain.to_source(&mut points);
+            match summed {
+                Some((stage, sum)) => {
+                    let mut far = [F::of(0.0); LANES];
+                    for row in 0..rows {
+                        let (first, along) = sum.row(side, y + row, z);
+                        for x in 0..side {
+                            far[row * side + x] = first + along * F::of(x as f64);
+                        }
+                    }
+                    stage.to_source_in_cell(sum, &far, &mut points);
+                }
+                None => chain.to_source(&mut points),
+            }
             let lanes = points.x.chunks(side).zip(points.y.chunks(side));
             let lanes = lanes.zip(points.z.chunks(side));
             for (row, ((px, py), pz)) in lanes.enumerate().take(count(1) - y) {
@@ -257,8 +299,9 @@ fn interpolate(
 ) {
     let count = |axis: usize| side.min(dims[axis] - at[axis]);
     for z in 0..count(2) {
+        let plane = CellPlane::<f64>::new(corners, side, z);
         for y in 0..count(1) {
-            let (first, along) = row_of(corners, side, y, z);
+            let CellRow { first, along } = plane.row(y);
             let row = Tile::row(at[1] + y, at[2] + z).start + at[0];
             let n = count(0);
             for (x, to) in tile.x[row..row + n].iter_mut().enumerate() {

@@ -42,11 +42,11 @@ impl Segment {
     /// Ready to be measured from many points.
     #[inline(always)]
     pub(super) fn measure<F: Real>(&self) -> Measure<F> {
-        Measure {
-            start: Vector::of(self.start),
-            along: Vector::of(self.end - self.start),
-            inverse_length2: F::of(self.inverse_length2()),
-        }
+        Measure::new(
+            Vector::of(self.start),
+            Vector::of(self.end - self.start),
+            F::of(self.inverse_length2()),
+        )
     }
 
     /// 1/|AB|²; 0 for a point feature, of which the start is then the nearest place to everything.
@@ -69,6 +69,16 @@ pub(super) struct Measure<F> {
 }
 
 impl<F: Real> Measure<F> {
+    /// A line by its start, where its end is from there, and 1/|AB|².
+    #[inline(always)]
+    pub(super) fn new(start: Vector<F>, along: Vector<F>, inverse_length2: F) -> Self {
+        Self {
+            start,
+            along,
+            inverse_length2,
+        }
+    }
+
     /// The vector to a point from the nearest place of the segment.
     #[inline(always)]
     pub(super) fn offset_of(&self, x: F, y: F, z: F) -> (F, F, F) {

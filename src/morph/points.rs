@@ -2,13 +2,13 @@
 
 use glam::DVec3;
 
-use crate::simd::Real;
+use crate::simd::{Real, Vector};
 
 /// Positions handled at once. Two rows of eight: a tile's row, and enough for any vector unit.
 pub const LANES: usize = 16;
 
 /// [`LANES`] positions in voxels of a lattice.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 #[allow(missing_docs, reason = "the three axes")]
 pub struct Points<F = f64> {
     pub x: [F; LANES],
@@ -40,29 +40,41 @@ impl<F: Real> Points<F> {
             z: [F::of(0.0); LANES],
         }
     }
-}
 
-impl Points {
-    /// Every lane at one position.
+    /// Every lane at the position nearest to one.
     pub fn splat(at: DVec3) -> Self {
         Self {
-            x: [at.x; LANES],
-            y: [at.y; LANES],
-            z: [at.z; LANES],
+            x: [F::of(at.x); LANES],
+            y: [F::of(at.y); LANES],
+            z: [F::of(at.z); LANES],
         }
     }
 
     /// The position in one lane; `lane` below [`LANES`].
     #[inline(always)]
     pub fn get(&self, lane: usize) -> DVec3 {
-        DVec3::new(self.x[lane], self.y[lane], self.z[lane])
+        DVec3::new(
+            self.x[lane].to_f64(),
+            self.y[lane].to_f64(),
+            self.z[lane].to_f64(),
+        )
     }
 
-    /// Puts a position into one lane; `lane` below [`LANES`].
+    /// Puts the position nearest to one into one lane; `lane` below [`LANES`].
     #[inline(always)]
     pub fn set(&mut self, lane: usize, at: DVec3) {
-        self.x[lane] = at.x;
-        self.y[lane] = at.y;
-        self.z[lane] = at.z;
+        self.x[lane] = F::of(at.x);
+        self.y[lane] = F::of(at.y);
+        self.z[lane] = F::of(at.z);
+    }
+
+    /// The position in one lane, in any precision; `lane` below [`LANES`].
+    #[inline(always)]
+    pub(super) fn vector<G: Real>(&self, lane: usize) -> Vector<G> {
+        Vector {
+            x: G::of(self.x[lane].to_f64()),
+            y: G::of(self.y[lane].to_f64()),
+            z: G::of(self.z[lane].to_f64()),
+        }
     }
 }

@@ -14,6 +14,7 @@ use glam::DVec3;
 
 use super::pair::{Frame, PairMap, Segment};
 use super::reference::LineSum;
+use super::still::{CellSum, StillLines, add_weights};
 use super::{Chain, EPSILON, LANES, Lattice, Points};
 use crate::feature::{Cage, FeatureKind, FeatureLine, LineError, NoseBox};
 use crate::simd::{Real, Vector, larger, size, smaller};
@@ -63,7 +64,15 @@ pub struct StageMap {
     pub(super) cage: Cage,
     pub(super) taper: Option<Taper>,
     /// Lines that hold still beside f2..f9, in the model's units.
-    pub(super) held: Vec<Segment>,
+    pub(super) held: StillLines,
+    /// f2..f9 and those.
+    pub(super) still: StillLines,
+}
+
+/// f2..f9.
+fn segments_of(cage: &Cage) -> impl Iterator<Item = Segment> + use<> {
+    let edges = cage.edges().into_iter();
+    edges.map(|(start, end)| Segment::new(start, end))
 }
 
 /// A stage's lines and the cage, in grid millimetres.
@@ -111,17 +120,19 @@ impl StageMap {
     pub fn lee2001(lines: &StageLines, units: &Lattice, on: &Lattice) -> Result<Self, LineError> {
         let to_units = |point| units.index_of(point);
         let (f1, pair) = lines.feature(to_units, Frame::Literal)?;
+        let cage = Cage {
+            min: to_units(GridPoint(lines.cage.min)),
+            max: to_units(GridPoint(lines.cage.max)),
+        };
         Ok(Self {
             scale: on.spacing() / units.spacing(),
             offset: units.index_of(on.point_at(DVec3::ZERO)),
             f1,
             pair,
-            cage: Cage {
-                min: to_units(GridPoint(lines.cage.min)),
-                max: to_units(GridPoint(lines.cage.max)),
-            },
+            cage,
             taper: None,
-            held: Vec::new(),
+            held: StillLines::default(),
+            still: StillLines::new(segments_of(&cage)),
         })
     }
 
@@ -144,7 +155,8 @@ impl StageMap {
             pair,
             cage: lines.cage,
             taper: Some(taper),
-            held: Vec::new(),
+            held: StillLines::default(),
+            still: StillLines::new(segments_of(&lines.cage)),
         })
     }
 
@@ -152,15 +164,10 @@ impl StageMap {
     /// f2..f9 do. No plan has such lines.
     #[must_use]
     pub fn holding(mut self, lines: impl IntoIterator<Item = Segment>) -> Self {
+        let lines: Vec<Segment> = lines.into_iter().collect();
+        self.still.extend(lines.iter().copied());
         self.held.extend(lines);
         self
-    }
-
-    /// f2..f9 and what else holds still.
-    pub(super) fn still(&self) -> impl Iterator<Item = Segment> + '_ {
-        let cage = self.cage.edges().into_iter();
-        cage.map(|(start, end)| Segment::new(start, end))
-            .chain(self.held.iter().copied())
     }
 
     /// Whether no point moves.
@@ -176,8 +183,8 @@ impl StageMap {
     /// The nine lines as a general sum, in the model's units: the reference for the short form. The
     /// taper is not part of it.
     pub fn as_line_sum(&self) -> LineSum {
-        let still = self.still().map(|line| (line.start, line.end));
-        LineSum::of(self.f1, self.pair).with_fixed_lines(still)
+        let still = self.still.lines().iter();
+        LineSum::of(self.f1, self.pair).with_fixed_lines(still.map(|line| (line.start, line.end)))
     }
 
     /// Units of the model for each voxel of the lattice.
@@ -194,7 +201,30 @@ impl StageMap {
     #[inline(always)]
     pub fn to_source<F: Real>(&self, points: &mut Points<F>) {
         let units = self.units_of(points);
-        let strength = self.strength(&units);
+        let further = self.further_weights(&units);
+        self.pull(&units, &further, points);
+    }
+
+    /// As [`StageMap::to_source`], within a cell: `far` is the sum of the weights of those lines beside f2..f9 that are far from
+    /// it.
+    #[inline(always)]
+    pub(super) fn to_source_in_cell<F: Real>(
+        &self,
+        cell: &CellSum<F>,
+        far: &[F; LANES],
+        points: &mut Points<F>,
+    ) {
+        let units = self.units_of(points);
+        let mut further = *far;
+        cell.add_near(&units, &mut further);
+        self.pull(&units, &further, points);
+    }
+
+    /// Moves positions, given also in the model's units, and with the sum of the weights there of what holds still beside
+    /// f2..f9.
+    #[inline(always)]
+    fn pull<F: Real>(&self, units: &Points<F>, further: &[F; LANES], points: &mut Points<F>) {
+        let strength = self.strength(units, further);
         let m = self.pair.linear;
         let mx: Vector<F> = Vector::of(m.x_axis);
         let my: Vector<F> = Vector::of(m.y_axis);
@@ -227,15 +257,14 @@ impl StageMap {
         units
     }
 
-    /// t·λ at positions in the model's units.
+    /// t·λ at positions in the model's units, with the sum of the weights there of what holds still beside f2..f9.
     #[inline(always)]
-    fn strength<F: Real>(&self, units: &Points<F>) -> [F; LANES] {
+    fn strength<F: Real>(&self, units: &Points<F>, further: &[F; LANES]) -> [F; LANES] {
         let f1 = self.f1.measure::<F>();
         let lo: Vector<F> = Vector::of(self.cage.min);
         let hi: Vector<F> = Vector::of(self.cage.max);
         let (none, one) = (F::of(0.0), F::of(1.0));
         let epsilon = F::of(EPSILON);
-        let further = self.further_weights(units);
         let mut strength = [none; LANES];
         for lane in 0..LANES {
             let (x, y, z) = (units.x[lane], units.y[lane], units.z[lane]);
@@ -285,13 +314,8 @@ impl StageMap {
     #[inline(always)]
     fn further_weights<F: Real>(&self, units: &Points<F>) -> [F; LANES] {
         let mut weights = [F::of(0.0); LANES];
-        for line in &self.held {
-            let line = line.measure::<F>();
-            for lane in 0..LANES {
-                let (rx, ry, rz) = line.offset_of(units.x[lane], units.y[lane], units.z[lane]);
-                let reach = (rx * rx + ry * ry + rz * rz).sqrt() + F::of(EPSILON);
-                weights[lane] += F::of(1.0) / (reach * reach);
-            }
+        for line in self.held.lines() {
+            add_weights(&line.measure(), units, &mut weights);
         }
         weights
     }
@@ -300,7 +324,7 @@ impl StageMap {
     #[inline(always)]
     fn further_gradients<F: Real>(&self, units: &Points<F>) -> [Weight<F>; LANES] {
         let mut weights = [Weight::none(); LANES];
-        for line in &self.held {
+        for line in self.held.lines() {
             let line = line.measure();
             for lane in 0..LANES {
                 let (rx, ry, rz) = line.offset_of(units.x[lane], units.y[lane], units.z[lane]);

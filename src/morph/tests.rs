@@ -109,7 +109,7 @@ fn all_maps(source: FeatureLine, target: FeatureLine) -> impl Iterator<Item = St
 }
 
 fn source_of(chain: &Chain, at: DVec3) -> DVec3 {
-    let mut points = Points::splat(at);
+    let mut points: Points = Points::splat(at);
     chain.to_source(&mut points);
     points.get(LANES - 1)
 }
@@ -434,7 +434,7 @@ fn the_jacobian_is_that_of_finite_differences() {
             [20.5, 30.1, 12.2],
         ] {
             let at = DVec3::from_array(at);
-            let mut points = Points::splat(at);
+            let mut points: Points = Points::splat(at);
             let determinants = chain.to_source_with_jacobian(&mut points).value;
             assert!((points.get(3) - source_of(&chain, at)).length() < 1e-11);
             let step = 1e-5;
@@ -487,7 +487,7 @@ fn an_audit_tells_the_worst_of_all_voxels() {
             let [nx, ny, nz] = full.dims();
             for (z, y, x) in ndarray::indices((nz, ny, nx)) {
                 let at = DVec3::new(x as f64, y as f64, z as f64);
-                let mut points = Points::splat(at);
+                let mut points: Points = Points::splat(at);
                 let determinants = chain.to_source_with_jacobian(&mut points).value;
                 let moved = ((points.get(0) - at) * full.spacing()).length();
                 least = least.min(determinants[0]);
@@ -762,7 +762,9 @@ fn further_lines_that_hold_still_are_part_of_the_sum() {
                 / (2.0 * step)
         };
         let expected = DMat3::from_cols(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
-        let determinants = chain.to_source_with_jacobian(&mut Points::splat(at)).value;
+        let determinants = chain
+            .to_source_with_jacobian(&mut Points::<f64>::splat(at))
+            .value;
         assert!((determinants[0] / expected.determinant() - 1.0).abs() < 1e-5);
         let exact = Field::evaluated(full, &chain, Evaluation::Exact);
         let adaptive = Field::evaluated(full, &chain, adaptive_mm(0.5));

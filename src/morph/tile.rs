@@ -65,32 +65,13 @@ impl Tile {
         start..start + TILE
     }
 
-    /// The source positions of the row at (y, z) from the tile's start, by axis. Those past the tile's end mean
-    /// nothing.
+    /// The source positions of the plane at z from the tile's start.
     #[inline(always)]
-    pub(super) fn lanes<F: Real>(&self, y: usize, z: usize) -> Option<Points<F>> {
-        let mut points = Points::zero();
-        if let Some(corners) = &self.cell {
-            let (first, along) = row_of(corners, TILE, y, z);
-            let (first, along): (Vector<F>, Vector<F>) = (Vector::of(first), Vector::of(along));
-            for lane in 0..LANES {
-                let place = F::of(lane as f64);
-                points.x[lane] = first.x + along.x * place;
-                points.y[lane] = first.y + along.y * place;
-                points.z[lane] = first.z + along.z * place;
-            }
-            return Some(points);
+    pub(super) fn plane<F: Real>(&self, z: usize) -> TilePlane<'_, F> {
+        match &self.cell {
+            Some(corners) => TilePlane::Cell(CellPlane::new(corners, TILE, z)),
+            None => TilePlane::Stored { tile: self, z },
         }
-        let row = Self::row(y, z);
-        let x = one_row(&self.x, &row)?;
-        let y = one_row(&self.y, &row)?;
-        let z = one_row(&self.z, &row)?;
-        for lane in 0..LANES {
-            points.x[lane] = F::of(x[lane]);
-            points.y[lane] = F::of(y[lane]);
-            points.z[lane] = F::of(z[lane]);
-        }
-        Some(points)
     }
 
     /// Puts positions of neighbouring voxels of a row into their places.
@@ -110,8 +91,13 @@ impl Tile {
     #[inline]
     pub fn get(&self, [x, y, z]: [usize; 3]) -> DVec3 {
         if let Some(corners) = &self.cell {
-            let (first, along) = row_of(corners, TILE, y, z);
-            return first + along * x as f64;
+            let row = CellPlane::<f64>::new(corners, TILE, z).row(y);
+            let at = |first: f64, along: f64| first + along * x as f64;
+            return DVec3::new(
+                at(row.first.x, row.along.x),
+                at(row.first.y, row.along.y),
+                at(row.first.z, row.along.z),
+            );
         }
         let place = (z * TILE + y) * TILE + x;
         DVec3::new(self.x[place], self.y[place], self.z[place])
@@ -148,13 +134,90 @@ pub(super) fn trilinear(corners: &[DVec3; 8], [x, y, z]: [f64; 3]) -> DVec3 {
     front + (back - front) * z
 }
 
-/// A row of a cell, interpolated between its corners: the position of its first voxel, and what each next one adds.
-#[inline(always)]
-pub(super) fn row_of(corners: &[DVec3; 8], side: usize, y: usize, z: usize) -> (DVec3, DVec3) {
-    let step = 1.0 / side as f64;
-    let (v, w) = (y as f64 * step, z as f64 * step);
-    let first = trilinear(corners, [0.0, v, w]);
-    (first, (trilinear(corners, [1.0, v, w]) - first) * step)
+/// The source positions of one plane of a tile.
+#[derive(Debug)]
+pub(super) enum TilePlane<'a, F> {
+    /// Interpolated.
+    Cell(CellPlane<F>),
+    /// One by one.
+    Stored { tile: &'a Tile, z: usize },
+}
+
+impl<F: Real> TilePlane<'_, F> {
+    /// The positions of the row at y from the tile's start, by axis. Those past the tile's end mean nothing.
+    #[inline(always)]
+    pub(super) fn row(&self, y: usize) -> Option<Points<F>> {
+        let mut points = Points::zero();
+        match self {
+            Self::Cell(plane) => {
+                let CellRow { first, along } = plane.row(y);
+                for lane in 0..LANES {
+                    let place = F::of(lane as f64);
+                    points.x[lane] = first.x + along.x * place;
+                    points.y[lane] = first.y + along.y * place;
+                    points.z[lane] = first.z + along.z * place;
+                }
+            }
+            Self::Stored { tile, z } => {
+                let row = Tile::row(y, *z);
+                let x = one_row(&tile.x, &row)?;
+                let y = one_row(&tile.y, &row)?;
+                let z = one_row(&tile.z, &row)?;
+                for lane in 0..LANES {
+                    points.x[lane] = F::of(x[lane]);
+                    points.y[lane] = F::of(y[lane]);
+                    points.z[lane] = F::of(z[lane]);
+                }
+            }
+        }
+        Some(points)
+    }
+}
+
+/// A plane of a cell, interpolated between its corners: its first row, and what each next one adds.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellPlane<F> {
+    row: CellRow<F>,
+    next: CellRow<F>,
+}
+
+/// A row of a cell: the position of its first voxel, and what each next one adds.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellRow<F> {
+    pub(super) first: Vector<F>,
+    pub(super) along: Vector<F>,
+}
+
+impl<F: Real> CellPlane<F> {
+    /// The plane at z from the start of a cell with these corners, x fastest.
+    #[inline(always)]
+    pub(super) fn new(corners: &[DVec3; 8], side: usize, z: usize) -> Self {
+        let step = 1.0 / side as f64;
+        let w = z as f64 * step;
+        let edge = |place: usize| corners[place] + (corners[place + 4] - corners[place]) * w;
+        let [near, near_end, far, far_end] = [edge(0), edge(1), edge(2), edge(3)];
+        let along = (near_end - near) * step;
+        Self {
+            row: CellRow {
+                first: Vector::of(near),
+                along: Vector::of(along),
+            },
+            next: CellRow {
+                first: Vector::of((far - near) * step),
+                along: Vector::of(((far_end - far) * step - along) * step),
+            },
+        }
+    }
+
+    /// The row at y.
+    #[inline(always)]
+    pub(super) fn row(&self, y: usize) -> CellRow<F> {
+        let y = F::of(y as f64);
+        CellRow {
+            first: self.row.first.plus(self.next.first, y),
+            along: self.row.along.plus(self.next.along, y),
+        }
+    }
 }
 
 fn one_row<'a>(axis: &'a [f64], row: &Range<usize>) -> Option<&'a [f64; LANES]> {

@@ -90,8 +90,9 @@ impl<T: Sample, F: Real> Kernel for SampleTile<'_, T, F> {
             *home = F::of((x0 + lane) as f64);
         }
         for (z, mut plane) in self.to.outer_iter_mut().enumerate() {
+            let positions = self.tile.plane::<F>(z);
             for (y, to) in plane.outer_iter_mut().enumerate() {
-                let (Some(from), Some(to)) = (self.tile.lanes::<F>(y, z), to.into_slice()) else {
+                let (Some(from), Some(to)) = (positions.row(y), to.into_slice()) else {
                     continue;
                 };
                 let values = if is_inside {
@@ -104,8 +105,10 @@ impl<T: Sample, F: Real> Kernel for SampleTile<'_, T, F> {
                     row[lane] = T::from_real(values[lane]);
                 }
                 if T::BLENDS_EXACTLY {
-                    let count = to.len().min(LANES);
-                    to.copy_from_slice(&row[..count]);
+                    match <&mut [T; LANES]>::try_from(&mut *to) {
+                        Ok(all) => *all = row,
+                        Err(_) => to.copy_from_slice(&row[..to.len().min(LANES)]),
+                    }
                     continue;
                 }
                 let (home_y, home_z) = (F::of((y0 + y) as f64), F::of((z0 + z) as f64));

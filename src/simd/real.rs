@@ -121,6 +121,16 @@ pub struct Vector<F> {
 }
 
 impl<F: Real> Vector<F> {
+    /// This and `times` another.
+    #[inline(always)]
+    pub fn plus(self, other: Self, times: F) -> Self {
+        Self {
+            x: self.x + other.x * times,
+            y: self.y + other.y * times,
+            z: self.z + other.z * times,
+        }
+    }
+
     /// The nearest vector.
     #[inline(always)]
     pub fn of(vector: DVec3) -> Self {
