@@ -44,8 +44,8 @@ pub(super) struct Sums {
     pub most: [f64; 3],
 }
 
-/// Σ r⁻² within a cell of the octree: lines that are far from it summed at its corners, between which their sum is interpolated; the others
-/// one by one.
+/// Σ r⁻² within a cell of the octree: lines that are far from it summed at its corners, between which their sum is
+/// interpolated; the others one by one.
 #[derive(Debug, Clone)]
 pub(super) struct CellSum<F> {
     /// x fastest.

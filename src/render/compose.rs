@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::edge::SAMPLES;
-use super::layer::{BAND, Band, Colours, EdgePixel, Painter, Seen};
+use super::layer::{Band, Colours, EdgePixel, Painter, Seen, band_rows};
 use super::memory::Sheet;
 use super::shade::{BACKGROUND, Paint, Srgb};
 use super::span::NOTHING;
@@ -94,8 +94,9 @@ impl Drop for Frame<'_> {
 fn alone(object: &Object<'_>, camera: &Camera, pixels: &mut [[u8; 3]], seen: &mut Seen) {
     let size = camera.size();
     let painter = Painter::new(object, camera);
-    let len = BAND * size;
-    let mut edges = vec![Vec::new(); size.div_ceil(BAND)];
+    let rows = band_rows(size);
+    let len = rows * size;
+    let mut edges = vec![Vec::new(); size.div_ceil(rows)];
     let bands = (
         pixels.par_chunks_mut(len),
         seen.depth.par_chunks_mut(len),
@@ -105,7 +106,7 @@ fn alone(object: &Object<'_>, camera: &Camera, pixels: &mut [[u8; 3]], seen: &mu
     let bands = bands.into_par_iter().enumerate();
     bands.for_each(|(number, (pixels, depth, place, edges))| {
         painter.paint(Band {
-            first: number * BAND,
+            first: number * rows,
             colours: Colours::Picture(pixels),
             depth,
             place,
@@ -308,7 +309,8 @@ impl Layer {
             rgba: vec![[0; 4]; size * size],
             near: vec![0; size * size],
         };
-        let len = BAND * size;
+        let rows = band_rows(size);
+        let len = rows * size;
         let bands = (
             layer.rgba.par_chunks_mut(len),
             layer.seen.depth.par_chunks_mut(len),
@@ -317,7 +319,7 @@ impl Layer {
         );
         let bands = bands.into_par_iter().enumerate();
         bands.for_each(|(number, (rgba, depth, place, near))| {
-            let first = number * BAND;
+            let first = number * rows;
             let mut edges = Vec::new();
             painter.paint(Band {
                 first,

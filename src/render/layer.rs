@@ -15,8 +15,17 @@ use super::squares::{Hide, Squares};
 use crate::simd::{Kernel, Simd};
 use crate::surface::SemiBoundary;
 
-/// Rows of a picture that are drawn at a time: small enough for a core's cache.
-pub(super) const BAND: usize = 64;
+/// The most rows of a picture that are drawn at a time: more do not stay in a core's cache. With fewer, more discs are drawn
+/// in two bands.
+const MOST_ROWS: usize = 96;
+
+/// Rows of a picture of `size` rows that are drawn at a time: as many bands as are done in as few rounds as there can be. What
+/// is drawn is the same for any number.
+pub(super) fn band_rows(size: usize) -> usize {
+    let threads = rayon::current_num_threads();
+    let rounds = size.div_ceil(threads.saturating_mul(MOST_ROWS));
+    size.div_ceil(threads.saturating_mul(rounds)).max(1)
+}
 
 /// Which voxel is at every pixel, and how deep.
 #[derive(Debug, Default)]
@@ -280,12 +289,13 @@ impl<'a> Painter<'a> {
                     continue;
                 };
                 let pixels = number * size + first..number * size + (first + WIDE).min(size);
-                let (mut all_nothing, mut any_nothing) = (true, false);
+                // It is the largest number, with all bits set.
+                let (mut bits, mut any_nothing) = (NOTHING, false);
                 for &place in places {
-                    all_nothing &= place == NOTHING;
+                    bits &= place;
                     any_nothing |= place == NOTHING;
                 }
-                if all_nothing {
+                if bits == NOTHING {
                     match &mut colours {
                         Colours::Picture(picture) => picture[pixels].fill(BACKGROUND),
                         Colours::Layer(layer) => layer[pixels].fill([0; 4]),
