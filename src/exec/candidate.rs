@@ -45,7 +45,7 @@ pub(super) struct Bench<'a, T> {
     /// Where anything is computed that is drawn or meshed.
     pub surfaces: Option<Surfaces<'a>>,
     /// Where skins are compared, and not all of them are kept.
-    pub skins: Option<Skins>,
+    pub skins: Option<Skins<'a>>,
     /// Whether what compares candidates is made, and not kept.
     pub compares: bool,
 }

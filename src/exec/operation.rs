@@ -123,11 +123,15 @@ impl Operation {
     pub(super) fn give_back<T: Sample>(&self, volume: Volume<T>, copies: &Copies<'_, T>) {
         match self.morph.model {
             Model::Local { .. } => {
-                let VoxelBox { start, end } = self.composed.support(&self.full);
-                copies.give(volume, [0, 1, 2].map(|axis| start[axis]..end[axis]));
+                copies.give(volume, self.support().ranges());
             }
             Model::Lee2001 => volume.spare(copies.spares()),
         }
+    }
+
+    /// The voxels outside which the volume is the preoperative one, where the model is `local`.
+    pub(super) fn support(&self) -> VoxelBox {
+        self.composed.support(&self.full)
     }
 
     /// The displacement from this stage's voxels to the preoperative CT, as it is written.

@@ -36,9 +36,9 @@ use crate::report::record::{
     RunRecord, SnapRecord, SnappedLandmark,
 };
 use crate::report::{csv, markdown};
-use crate::segment::segment;
+use crate::segment::Segmented;
 use crate::space::{Grid, GridPoint};
-use crate::volume::{Copies, Mask, Rescale, Sample, Spares, Volume};
+use crate::volume::{Copies, Rescale, Sample, Spares, Volume};
 use crate::with_volume;
 
 /// A finished run.
@@ -248,7 +248,7 @@ struct Input {
     spares: Spares,
     skin_hu: f64,
     /// What is tissue of it.
-    head: Mask,
+    head: Segmented,
     found: Vec<SkinLandmark>,
     /// The plan, resolved once more where its landmarks are moved.
     moved: Option<Plan>,
@@ -620,18 +620,31 @@ fn look_at_landmarks<T: Sample>(
     skin_hu: f64,
     volume: &Volume<T>,
     hu_range: [f64; 2],
-) -> Result<(Mask, Vec<SkinLandmark>, Option<Plan>), RunError> {
+) -> Result<(Segmented, Vec<SkinLandmark>, Option<Plan>), RunError> {
     let landmarks = &ready.plan.landmarks;
-    let head = segment(volume, skin_hu, ready.plan.segment.keep_largest)?;
-    skin_exists(&head, skin_hu, hu_range)?;
-    let found = skin_landmarks(landmarks, skin_hu, volume, &head)?;
-    nose_exists(&found, landmarks, &head, volume.grid())?;
+    let segmented = |changes: Option<_>| {
+        let largest = ready.plan.segment.keep_largest;
+        Segmented::new(volume, skin_hu, largest, changes)
+    };
+    let part = Skins::changed_part(&ready.plan, volume.grid());
+    let head = segmented(part.clone())?;
+    skin_exists(head.object(), skin_hu, hu_range)?;
+    let found = skin_landmarks(landmarks, skin_hu, volume, head.object())?;
+    nose_exists(&found, landmarks, head.object(), volume.grid())?;
     let Some(snap_mm) = ready.plan.snap_mm else {
         return Ok((head, found, None));
     };
     let moved = moved(&found, snap_mm);
     let plan = ready.source.resolve_moved(&ready.ct.grid, &moved);
-    Ok((head, found, Some(plan.map_err(RunError::Snapped)?)))
+    let plan = plan.map_err(RunError::Snapped)?;
+    // The same object, with another part around landmarks that were moved.
+    let moved_part = Skins::changed_part(&plan, volume.grid());
+    let head = if moved_part == part {
+        head
+    } else {
+        segmented(moved_part)?
+    };
+    Ok((head, found, Some(plan)))
 }
 
 /// What the record says of landmarks that were to be moved.

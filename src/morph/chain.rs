@@ -1,5 +1,7 @@
 //! Stages one after another, on a lattice of voxels.
 
+use std::ops::Range;
+
 use glam::DVec3;
 
 use super::Points;
@@ -89,6 +91,11 @@ impl VoxelBox {
     /// Voxels along each axis.
     pub fn dims(&self) -> [usize; 3] {
         [0, 1, 2].map(|axis| self.end[axis].saturating_sub(self.start[axis]))
+    }
+
+    /// Its voxels along x, y and z.
+    pub fn ranges(&self) -> [Range<usize>; 3] {
+        [0, 1, 2].map(|axis| self.start[axis]..self.end[axis])
     }
 
     /// The box moved by `by` voxels.

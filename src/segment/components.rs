@@ -37,6 +37,145 @@ pub fn keep_largest(mut mask: Mask) -> Result<Mask, VolumeError> {
     Ok(mask)
 }
 
+/// The rows along x of a part of a grid: their y and z.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Rows {
+    pub(super) y: Range<usize>,
+    pub(super) z: Range<usize>,
+}
+
+impl Rows {
+    pub(super) fn contain(&self, y: usize, z: usize) -> bool {
+        self.y.contains(&y) && self.z.contains(&z)
+    }
+}
+
+/// How a mask hangs together outside a part of its rows: what masks that differ in that part alone have in common.
+#[derive(Debug)]
+pub(super) struct Outside {
+    part: Rows,
+    runs: Runs,
+    /// Of each run the piece that it belongs to.
+    piece: Vec<u32>,
+    pieces: Vec<Piece>,
+}
+
+/// Runs that hang together.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    voxels: usize,
+    /// The first of its runs, as [`Runs::order`] has them.
+    first: u64,
+}
+
+impl Outside {
+    /// Of `mask` outside `part`.
+    pub(super) fn new(mask: &Mask, part: Rows) -> Result<Self, VolumeError> {
+        let runs = Runs::of(mask, |y, z| !part.contain(y, z))?;
+        let components = Components::new(&runs)?;
+        let mut pieces = Vec::new();
+        let mut piece = components.first;
+        for (row, run) in runs.each() {
+            let first = piece[run] as usize;
+            // The first of a component is met before the others, and so has its number already.
+            piece[run] = if first == run {
+                pieces.push(Piece {
+                    voxels: components.voxels[run],
+                    first: runs.order(row, run),
+                });
+                // There are no more than runs.
+                (pieces.len() - 1) as u32
+            } else {
+                piece[first]
+            };
+        }
+        Ok(Self {
+            part,
+            runs,
+            piece,
+            pieces,
+        })
+    }
+
+    /// As [`keep_largest`], of a mask that is as the one before outside the part.
+    pub(super) fn keep_largest(&self, mut mask: Mask) -> Result<Mask, VolumeError> {
+        let [_, ny, nz] = mask.dims();
+        let inside = Runs::of(&mask, |y, z| self.part.contain(y, z))?;
+        // Pieces first, then the runs of the part.
+        let begin = self.pieces.len();
+        let mut pieces = room(begin + inside.runs.len())?;
+        pieces.extend_from_slice(&self.pieces);
+        pieces.extend(inside.each().map(|(row, run)| Piece {
+            voxels: inside.runs[run].len(),
+            first: inside.order(row, run),
+        }));
+        let mut sets = Sets::of(pieces.len())?;
+        for z in self.part.z.clone() {
+            for y in self.part.y.clone() {
+                let here = inside.row(z * ny + y);
+                let mut beside = |y: usize, z: usize| {
+                    let is_inside = self.part.contain(y, z);
+                    let other = if is_inside { &inside } else { &self.runs };
+                    let there = other.row(z * ny + y);
+                    let (one, two) = (&inside.runs[here.clone()], &other.runs[there.clone()]);
+                    for_each_touching(one, two, |one, two| {
+                        let two = match is_inside {
+                            true => begin + there.start + two,
+                            false => self.piece[there.start + two] as usize,
+                        };
+                        sets.join(begin + here.start + one, two);
+                    });
+                };
+                if y > 0 {
+                    beside(y - 1, z);
+                }
+                if z > 0 {
+                    beside(y, z - 1);
+                }
+                // Within the part, these two are joined from there.
+                if y + 1 == self.part.y.end && y + 1 < ny {
+                    beside(y + 1, z);
+                }
+                if z + 1 == self.part.z.end && z + 1 < nz {
+                    beside(y, z + 1);
+                }
+            }
+        }
+        let roots = sets.into_roots();
+        for (place, &root) in roots.iter().enumerate() {
+            let root = root as usize;
+            if root != place {
+                let Piece { voxels, first } = pieces[place];
+                pieces[root].voxels += voxels;
+                pieces[root].first = pieces[root].first.min(first);
+                pieces[place].voxels = 0;
+            }
+        }
+        let whole = |piece: &Piece| (piece.voxels, std::cmp::Reverse(piece.first));
+        let largest = (0..).zip(&pieces).max_by_key(|(_, piece)| whole(piece));
+        let Some((largest, _)) = largest else {
+            return Ok(mask);
+        };
+        mask.par_rows_mut().for_each(|(y, z, row)| {
+            let at = z * ny + y;
+            if self.part.contain(y, z) {
+                for run in inside.row(at) {
+                    if roots[begin + run] != largest {
+                        clear(row, inside.runs[run]);
+                    }
+                }
+            } else {
+                for run in self.runs.row(at) {
+                    if roots[self.piece[run] as usize] != largest {
+                        clear(row, self.runs.runs[run]);
+                    }
+                }
+            }
+        });
+        Ok(mask)
+    }
+}
+
 /// Voxels of every 6-connected component, the largest first.
 ///
 /// # Errors
@@ -57,7 +196,14 @@ struct Run {
     end: u32,
 }
 
-/// All runs of a mask, in the order of z, y, x.
+impl Run {
+    fn len(self) -> usize {
+        (self.end - self.begin) as usize
+    }
+}
+
+/// The runs of a mask, in the order of z, y, x.
+#[derive(Debug)]
 struct Runs {
     runs: Vec<Run>,
     /// For each row its first run, or where that would be; then the number of runs.
@@ -66,10 +212,21 @@ struct Runs {
 }
 
 impl Runs {
+    /// All.
     fn new(mask: &Mask) -> Result<Self, VolumeError> {
+        Self::of(mask, |_, _| true)
+    }
+
+    /// Those of the rows, by y and z, that are `wanted`; the others are as rows without any.
+    fn of(mask: &Mask, wanted: impl Fn(usize, usize) -> bool) -> Result<Self, VolumeError> {
         let dims = mask.dims();
         let [nx, ny, nz] = dims;
-        let each_row = || (0..nz).flat_map(|z| (0..ny).map(move |y| mask.row(y, z)));
+        let row = |y: usize, z: usize| match wanted(y, z) {
+            true => mask.row(y, z),
+            false => &[],
+        };
+        let each_row = || (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z)));
+        let each_row = || each_row().map(|(y, z)| row(y, z));
         let count = each_row().map(runs_in).sum();
         let mut runs = room(count)?;
         let mut rows = room(ny * nz + 1)?;
@@ -97,6 +254,18 @@ impl Runs {
     /// The places of a row's runs; rows are counted along y, then z.
     fn row(&self, row: usize) -> Range<usize> {
         self.rows[row]..self.rows[row + 1]
+    }
+
+    /// Every run by its row and place.
+    fn each(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let rows = self.rows.windows(2).enumerate();
+        rows.flat_map(|(row, ends)| (ends[0]..ends[1]).map(move |run| (row, run)))
+    }
+
+    /// A number that is greater for runs that come later in the order of z, y, x.
+    fn order(&self, row: usize, run: usize) -> u64 {
+        // There are fewer rows than 2³², of at most 32767 voxels.
+        (row as u64) << 32 | u64::from(self.runs[run].begin)
     }
 }
 
@@ -148,12 +317,7 @@ impl Components {
     fn new(runs: &Runs) -> Result<Self, VolumeError> {
         let [_, ny, nz] = runs.dims;
         let count = runs.runs.len();
-        // That many have no room in any memory.
-        let last = u32::try_from(count).map_err(|_| no_room::<Run>(count))?;
-        let mut sets = Sets {
-            parent: room(count)?,
-        };
-        sets.parent.extend(0..last);
+        let mut sets = Sets::of(count)?;
         for row in 0..ny * nz {
             if row % ny > 0 {
                 sets.join_touching(&runs.runs, runs.row(row), runs.row(row - 1));
@@ -162,14 +326,11 @@ impl Components {
                 sets.join_touching(&runs.runs, runs.row(row), runs.row(row - ny));
             }
         }
-        let mut first = sets.parent;
+        let first = sets.into_roots();
         let mut voxels = room(count)?;
         voxels.resize(count, 0);
-        for (place, run) in runs.runs.iter().enumerate() {
-            // A parent comes before its runs, so its own is already the root.
-            let root = first[first[place] as usize];
-            first[place] = root;
-            voxels[root as usize] += (run.end - run.begin) as usize;
+        for (run, &first) in runs.runs.iter().zip(&first) {
+            voxels[first as usize] += run.len();
         }
         Ok(Self { first, voxels })
     }
@@ -193,6 +354,24 @@ struct Sets {
 }
 
 impl Sets {
+    /// Each run alone.
+    fn of(count: usize) -> Result<Self, VolumeError> {
+        // That many have no room in any memory.
+        let last = u32::try_from(count).map_err(|_| no_room::<Run>(count))?;
+        let mut parent = room(count)?;
+        parent.extend(0..last);
+        Ok(Self { parent })
+    }
+
+    /// Of each run the first one of its set.
+    fn into_roots(mut self) -> Vec<u32> {
+        for place in 0..self.parent.len() {
+            // A parent comes before its runs, so its own is already the root.
+            self.parent[place] = self.parent[self.parent[place] as usize];
+        }
+        self.parent
+    }
+
     /// The first run of the set. Paths are halved on the way.
     fn root(&mut self, mut run: u32) -> u32 {
         loop {
@@ -214,17 +393,25 @@ impl Sets {
 
     /// Joins the runs of two neighbouring rows that share an x.
     fn join_touching(&mut self, runs: &[Run], a: Range<usize>, b: Range<usize>) {
-        let (mut i, mut j) = (a.start, b.start);
-        while i < a.end && j < b.end {
-            let (one, other) = (runs[i], runs[j]);
-            if one.begin < other.end && other.begin < one.end {
-                self.join(i, j);
-            }
-            if one.end < other.end {
-                i += 1;
-            } else {
-                j += 1;
-            }
+        for_each_touching(&runs[a.clone()], &runs[b.clone()], |one, other| {
+            self.join(a.start + one, b.start + other);
+        });
+    }
+}
+
+/// Every two runs of two rows that share an x, by their places.
+#[inline]
+fn for_each_touching(a: &[Run], b: &[Run], mut each: impl FnMut(usize, usize)) {
+    let (mut i, mut j) = (0, 0);
+    while i < a.len() && j < b.len() {
+        let (one, other) = (a[i], b[j]);
+        if one.begin < other.end && other.begin < one.end {
+            each(i, j);
+        }
+        if one.end < other.end {
+            i += 1;
+        } else {
+            j += 1;
         }
     }
 }
@@ -312,6 +499,51 @@ mod tests {
     }
 
     #[test]
+    fn with_what_is_known_outside_a_part_it_is_the_same() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let (mut grew, mut cut) = (0, 0);
+        for dims in [[1, 1, 1], [130, 9, 7], [64, 8, 8], [5, 30, 20], [63, 1, 12]] {
+            let [_, ny, nz] = dims;
+            for share in [0.0, 0.02, 0.1, 0.25, 0.31, 0.4, 0.7, 0.97] {
+                for _ in 0..8 {
+                    let before = random(dims, share, &mut rng);
+                    let mut range = |n: usize| {
+                        let mut end = || rng.next_u32() as usize % (n + 1);
+                        let (one, other) = (end(), end());
+                        one.min(other)..one.max(other)
+                    };
+                    let part = Rows {
+                        y: range(ny),
+                        z: range(nz),
+                    };
+                    let outside = Outside::new(&before, part.clone()).unwrap();
+                    for share in [share, 0.0, 0.5, 1.0] {
+                        let other = random(dims, share, &mut rng);
+                        let mask = Mask::from_fn(dims, |x, y, z| match part.contain(y, z) {
+                            true => other.contains(x, y, z),
+                            false => before.contains(x, y, z),
+                        });
+                        let mask = mask.unwrap();
+                        let expected = keep_largest(mask.clone()).unwrap();
+                        grew += usize::from(expected.count() > outside.largest());
+                        cut += usize::from(expected != mask);
+                        let found = outside.keep_largest(mask).unwrap();
+                        assert_eq!(found, expected, "{dims:?}, {share}, {part:?}");
+                    }
+                }
+            }
+        }
+        assert!(grew > 100 && cut > 100, "{grew}, {cut}");
+    }
+
+    impl Outside {
+        fn largest(&self) -> usize {
+            let voxels = self.pieces.iter().map(|piece| piece.voxels);
+            voxels.max().unwrap_or_default()
+        }
+    }
+
+    #[test]
     fn voxels_hang_together_by_faces_only() {
         let edge_and_corner = [[1, 1, 1], [2, 2, 1], [2, 1, 2], [3, 3, 3]];
         assert_eq!(
@@ -328,6 +560,11 @@ mod tests {
         let tied = voxels([70, 4, 4], &[[68, 3, 0], [69, 3, 0], [0, 0, 1], [1, 0, 1]]);
         let first = voxels([70, 4, 4], &[[68, 3, 0], [69, 3, 0]]);
         assert_eq!(keep_largest(tied.clone()).unwrap(), first);
+        // Whichever of them is in the part.
+        for z in [0..1, 1..2] {
+            let outside = Outside::new(&tied, Rows { y: 0..4, z }).unwrap();
+            assert_eq!(outside.keep_largest(tied.clone()).unwrap(), first);
+        }
     }
 
     #[test]

@@ -4,12 +4,14 @@
 //! table, the head-holder, cables and noise are pieces of their own. The voxels left out are still in the
 //! volume; only the [`Mask`] lacks them.
 
+mod again;
 mod components;
 mod enhance;
 mod median;
 mod smooth;
 mod threshold;
 
+pub use again::Segmented;
 pub use components::{component_sizes, keep_largest};
 pub use enhance::{Enhance, EnhanceError, MEDIAN_SIDE, enhance};
 pub use threshold::{above, otsu};

@@ -18,21 +18,40 @@ const BYTE: usize = 8;
 /// [`VolumeError::Memory`] where the machine has none.
 pub fn above<T: Sample>(volume: &Volume<T>, hu: f64) -> Result<Mask, VolumeError> {
     let mut mask = Mask::empty(volume.grid().dims())?;
-    match Cut::new(volume.rescale(), hu) {
-        Some(Cut::AtLeast(cut)) => fill(&mut mask, volume, |sample: T| sample >= cut),
-        Some(Cut::Above(cut)) => fill(&mut mask, volume, |sample: T| sample > cut),
-        Some(Cut::AtMost(cut)) => fill(&mut mask, volume, |sample: T| sample <= cut),
-        Some(Cut::Below(cut)) => fill(&mut mask, volume, |sample: T| sample < cut),
-        None => {}
-    }
+    above_in(&mut mask, volume, hu, |_, _| true);
     Ok(mask)
 }
 
-/// Sets the voxels whose samples pass, in a mask of the volume's size.
-fn fill<T: Sample>(mask: &mut Mask, volume: &Volume<T>, inside: impl Fn(T) -> bool + Sync) {
+/// As [`above`], into a mask of the volume's size, in the rows along x, by y and z, that are `wanted`; the others are left
+/// as they are.
+pub(super) fn above_in<T: Sample>(
+    mask: &mut Mask,
+    volume: &Volume<T>,
+    hu: f64,
+    wanted: impl Fn(usize, usize) -> bool + Sync,
+) {
+    match Cut::new(volume.rescale(), hu) {
+        Some(Cut::AtLeast(cut)) => fill(mask, volume, wanted, |sample: T| sample >= cut),
+        Some(Cut::Above(cut)) => fill(mask, volume, wanted, |sample: T| sample > cut),
+        Some(Cut::AtMost(cut)) => fill(mask, volume, wanted, |sample: T| sample <= cut),
+        Some(Cut::Below(cut)) => fill(mask, volume, wanted, |sample: T| sample < cut),
+        None => fill(mask, volume, wanted, |_: T| false),
+    }
+}
+
+/// Sets the voxels whose samples pass, and no others, in the rows that are wanted.
+fn fill<T: Sample>(
+    mask: &mut Mask,
+    volume: &Volume<T>,
+    wanted: impl Fn(usize, usize) -> bool + Sync,
+    inside: impl Fn(T) -> bool + Sync,
+) {
     let [nx, ny, _] = volume.grid().dims();
     let samples = volume.as_slice();
     mask.par_rows_mut().for_each(|(y, z, row)| {
+        if !wanted(y, z) {
+            return;
+        }
         let begin = (z * ny + y) * nx;
         let samples = samples[begin..begin + nx].chunks(WORD);
         for (word, samples) in row.iter_mut().zip(samples) {

@@ -26,19 +26,23 @@ impl Mask {
     pub fn empty(dims: [usize; 3]) -> Result<Self, VolumeError> {
         let words_per_row = dims[0].div_ceil(WORD);
         let len = words_per_row * dims[1] * dims[2];
-        let mut words = Vec::new();
-        words
-            .try_reserve_exact(len)
-            .map_err(|_| VolumeError::Memory {
-                voxels: len,
-                bytes_per_voxel: size_of::<u64>(),
-            })?;
+        let mut words = room(len)?;
         words.resize(len, 0);
         Ok(Self {
             dims,
             words_per_row,
             words,
         })
+    }
+
+    /// The same set.
+    ///
+    /// # Errors
+    /// As [`Mask::empty`].
+    pub fn try_clone(&self) -> Result<Self, VolumeError> {
+        let mut words = room(self.words.len())?;
+        words.extend_from_slice(&self.words);
+        Ok(Self { words, ..*self })
     }
 
     /// The voxels for which `inside(x, y, z)` holds, asked in parallel.
@@ -114,6 +118,16 @@ impl Mask {
     pub fn is_empty(&self) -> bool {
         self.words.iter().all(|&word| word == 0)
     }
+}
+
+fn room(words: usize) -> Result<Vec<u64>, VolumeError> {
+    let mut list = Vec::new();
+    list.try_reserve_exact(words)
+        .map_err(|_| VolumeError::Memory {
+            voxels: words,
+            bytes_per_voxel: size_of::<u64>(),
+        })?;
+    Ok(list)
 }
 
 #[cfg(test)]

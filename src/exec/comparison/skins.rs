@@ -3,14 +3,18 @@
 //! A skin is kept only around the nose: some hundred kilobytes, not a volume. It is that of the volume that is
 //! measured and written, not enhanced for pictures.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::compare::SurfaceDifference;
 use crate::exec::error::RunError;
+use crate::exec::operation::Operation;
 use crate::feature::NoseBox;
+use crate::morph::chain::VoxelBox;
 use crate::plan::{Model, Plan};
-use crate::segment::segment;
+use crate::segment::Segmented;
 use crate::space::Grid;
 use crate::surface::{
     ComparedSkin, Region, SeenSkin, SemiBoundary, SkinBefore, semi_boundary_in, skin_difference,
@@ -26,31 +30,48 @@ const RIM_MM: f64 = 10.0;
 pub const MOST_COMPARED: usize = 32;
 
 /// Finds the skins of candidates, beside that before the first stage.
-pub(in crate::exec) struct Skins {
+pub(in crate::exec) struct Skins<'a> {
     finder: Finder,
+    head: &'a Segmented,
     before: SkinBefore,
 }
 
 /// Where skin is looked for: the same for all.
 struct Finder {
     skin_hu: f64,
-    largest: bool,
     compared: Region,
     kept: Region,
 }
 
-impl Skins {
+impl<'a> Skins<'a> {
     /// Whether the candidates of a plan are compared.
     pub(in crate::exec) fn are_wanted(plan: &Plan) -> bool {
         (2..=MOST_COMPARED).contains(&plan.candidates.len())
     }
 
-    /// Finds the skin of the nose as it is, on the head as [`segment`] finds it.
+    /// Where the volumes whose skins are compared differ from the preoperative one: a part of all voxels along x, y and z,
+    /// where they do so in no more, and are compared.
+    pub(in crate::exec) fn changed_part(plan: &Plan, grid: &Grid) -> Option<[Range<usize>; 3]> {
+        if !Self::are_wanted(plan) || plan.morph.model == Model::Lee2001 {
+            return None;
+        }
+        let mut all = VoxelBox::EMPTY;
+        for candidate in &plan.candidates {
+            let last = candidate.stages.len().checked_sub(1)?;
+            // A candidate that cannot be computed says so when it is its turn.
+            let operation = Operation::new(plan, candidate, last, grid).ok()?;
+            all = all.union(&operation.support());
+        }
+        Some(all.ranges())
+    }
+
+    /// Finds the skin of the nose as it is, on its head. What the skins of candidates are found with has to hold in
+    /// [`Skins::changed_part`].
     pub(in crate::exec) fn new<T: Sample>(
         plan: &Plan,
         skin_hu: f64,
         preoperative: &Volume<T>,
-        head: &Mask,
+        head: &'a Segmented,
     ) -> Result<Self, RunError> {
         let margin = match plan.morph.model {
             Model::Local { margin_mm } => margin_mm,
@@ -67,12 +88,15 @@ impl Skins {
         let grid = preoperative.grid();
         let finder = Finder {
             skin_hu,
-            largest: plan.segment.keep_largest,
             compared: around(&nose, margin, grid),
             kept: around(&nose, margin + RIM_MM, grid),
         };
-        let before = SkinBefore::new(finder.surface(preoperative, head)?);
-        Ok(Self { finder, before })
+        let before = SkinBefore::new(finder.surface(preoperative, head.object())?);
+        Ok(Self {
+            finder,
+            head,
+            before,
+        })
     }
 
     /// The skin of the nose that a candidate ends with.
@@ -80,7 +104,7 @@ impl Skins {
         &self,
         volume: &Volume<T>,
     ) -> Result<SeenSkin, RunError> {
-        let mask = segment(volume, self.finder.skin_hu, self.finder.largest)?;
+        let mask = self.head.again(volume)?;
         let surface = self.finder.surface(volume, &mask)?;
         Ok(SeenSkin::new(
             surface,
