@@ -272,6 +272,11 @@ class Samples:
         values = self.values.get((thing, quantity))
         return statistics.median(values) if values else None
 
+    def ratio(self, thing, other, quantity):
+        """Of what was done in the same round: where the machine is slow for a while, it is so for both."""
+        pairs = zip(self.values[thing, quantity], self.values[other, quantity])
+        return statistics.median(one / two for one, two in pairs)
+
 
 def prepare(rhinoplan, itk):
     """Files that all read, the field of the exact map among them, and whether all do the same work."""
@@ -361,8 +366,10 @@ def main():
                 left.unlink()
             shutil.rmtree(WORK / "out", ignore_errors=True)
     peers = [itk.name] + ([plastimatch.name] if plastimatch.commands else [])
-    heading = f"Medians of {given.rounds} rounds, {THREADS} threads, {machine()}, {', '.join(peers)}."
-    table = tables.against_peers(samples.median, error, bool(plastimatch.commands), voxels(SIZE), voxels(LARGE))
+    heading = (f"Medians of {given.rounds} rounds, {THREADS} threads, {machine()}, {', '.join(peers)}. How much more a voxel "
+               "of the larger CT costs is the median of what it was in each round.")
+    table = tables.against_peers(samples.median, samples.ratio, error, bool(plastimatch.commands), voxels(SIZE),
+                                 voxels(LARGE))
     print(f"{heading}\n\n{table}")
     if given.update:
         path = PROJECT / "docs" / "performance.md"

@@ -49,9 +49,10 @@ def lines(rows):
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
-def against_peers(m, error, has_plastimatch, size, large_size):
-    """Every bar, what was reached, and the peer: `m` gives the median of a thing and a quantity, or None; `error` is the
-    largest distance of adaptive from exact, voxels; the sizes count voxels."""
+def against_peers(m, ratio, error, has_plastimatch, size, large_size):
+    """Every bar, what was reached, and the peer: `m` gives the median of a thing and a quantity, or None; `ratio`
+    the median of one thing's in another's of the same round; `error` is the largest distance of adaptive from exact,
+    voxels; the sizes count voxels."""
     made = Table()
     warp, warp_name = m("itk warp"), "SimpleITK `Warp`"
     lm, lm_name = m("lm-warp tps"), "plastimatch `lm-warp`" if has_plastimatch else "plastimatch is not installed"
@@ -94,7 +95,7 @@ def against_peers(m, error, has_plastimatch, size, large_size):
         for work, quantity in (("morph phase", "morph"), ("whole `run`", "wall"), ("peak memory", "bytes")):
             small, large = m(model, quantity), m(f"{model}-large", quantity)
             show = mib if quantity == "bytes" else shown
-            change = large / small / more - 1
+            change = ratio(f"{model}-large", model, quantity) / more - 1
             made.row(f"512×512×400, {named(model)}: {work}", "at most 15 % more for each voxel", show(large),
                      f"320×320×151: {show(small)}", f"{100 * change:+.0f} %", change <= 0.15)
     return made.text()
