@@ -366,8 +366,8 @@ def main():
                 left.unlink()
             shutil.rmtree(WORK / "out", ignore_errors=True)
     peers = [itk.name] + ([plastimatch.name] if plastimatch.commands else [])
-    heading = (f"Medians of {given.rounds} rounds, {THREADS} threads, {machine()}, {', '.join(peers)}. How much more a voxel "
-               "of the larger CT costs is the median of what it was in each round.")
+    heading = (f"Medians of {given.rounds} rounds, {THREADS} threads, {machine()}, {', '.join(peers)}. How much more a "
+               "voxel of the larger CT costs is the median of what it was in each round.")
     table = tables.against_peers(samples.median, samples.ratio, error, bool(plastimatch.commands), voxels(SIZE),
                                  voxels(LARGE))
     print(f"{heading}\n\n{table}")
