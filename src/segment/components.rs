@@ -117,13 +117,13 @@ impl Outside {
                     let is_inside = self.part.contain(y, z);
                     let other = if is_inside { &inside } else { &self.runs };
                     let there = other.row(z * ny + y);
-                    let (one, two) = (&inside.runs[here.clone()], &other.runs[there.clone()]);
+                    let (one, two) = ((&inside.runs[..], here.clone()), (&other.runs[..], there));
                     for_each_touching(one, two, |one, two| {
                         let two = match is_inside {
-                            true => begin + there.start + two,
-                            false => self.piece[there.start + two] as usize,
+                            true => begin + two,
+                            false => self.piece[two] as usize,
                         };
-                        sets.join(begin + here.start + one, two);
+                        sets.join(begin + one, two);
                     });
                 };
                 if y > 0 {
@@ -141,16 +141,14 @@ impl Outside {
                 }
             }
         }
-        let roots = sets.into_roots();
-        for (place, &root) in roots.iter().enumerate() {
-            let root = root as usize;
+        let roots = sets.into_roots(|place, root| {
             if root != place {
                 let Piece { voxels, first } = pieces[place];
                 pieces[root].voxels += voxels;
                 pieces[root].first = pieces[root].first.min(first);
                 pieces[place].voxels = 0;
             }
-        }
+        });
         let whole = |piece: &Piece| (piece.voxels, std::cmp::Reverse(piece.first));
         let largest = (0..).zip(&pieces).max_by_key(|(_, piece)| whole(piece));
         let Some((largest, _)) = largest else {
@@ -326,12 +324,9 @@ impl Components {
                 sets.join_touching(&runs.runs, runs.row(row), runs.row(row - ny));
             }
         }
-        let first = sets.into_roots();
         let mut voxels = room(count)?;
         voxels.resize(count, 0);
-        for (run, &first) in runs.runs.iter().zip(&first) {
-            voxels[first as usize] += run.len();
-        }
+        let first = sets.into_roots(|run, root| voxels[root] += runs.runs[run].len());
         Ok(Self { first, voxels })
     }
 
@@ -363,13 +358,17 @@ impl Sets {
         Ok(Self { parent })
     }
 
-    /// Of each run the first one of its set.
-    fn into_roots(mut self) -> Vec<u32> {
-        for place in 0..self.parent.len() {
+    /// Of each run the first one of its set; each is told with that on the way.
+    #[inline]
+    fn into_roots(self, mut each: impl FnMut(usize, usize)) -> Vec<u32> {
+        let mut parent = self.parent;
+        for place in 0..parent.len() {
             // A parent comes before its runs, so its own is already the root.
-            self.parent[place] = self.parent[self.parent[place] as usize];
+            let root = parent[parent[place] as usize];
+            parent[place] = root;
+            each(place, root as usize);
         }
-        self.parent
+        parent
     }
 
     /// The first run of the set. Paths are halved on the way.
@@ -393,18 +392,21 @@ impl Sets {
 
     /// Joins the runs of two neighbouring rows that share an x.
     fn join_touching(&mut self, runs: &[Run], a: Range<usize>, b: Range<usize>) {
-        for_each_touching(&runs[a.clone()], &runs[b.clone()], |one, other| {
-            self.join(a.start + one, b.start + other);
-        });
+        for_each_touching((runs, a), (runs, b), |one, other| self.join(one, other));
     }
 }
 
-/// Every two runs of two rows that share an x, by their places.
+/// Every two runs of two rows that share an x. Each row is given as some runs and the places of its own among them, which
+/// is what is told.
 #[inline]
-fn for_each_touching(a: &[Run], b: &[Run], mut each: impl FnMut(usize, usize)) {
-    let (mut i, mut j) = (0, 0);
-    while i < a.len() && j < b.len() {
-        let (one, other) = (a[i], b[j]);
+fn for_each_touching(
+    (runs, row): (&[Run], Range<usize>),
+    (others, other_row): (&[Run], Range<usize>),
+    mut each: impl FnMut(usize, usize),
+) {
+    let (mut i, mut j) = (row.start, other_row.start);
+    while i < row.end && j < other_row.end {
+        let (one, other) = (runs[i], others[j]);
         if one.begin < other.end && other.begin < one.end {
             each(i, j);
         }
